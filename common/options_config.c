@@ -14,7 +14,7 @@
 
 /* ---- what lasts ---- */
 
-static char *keep(struct lw_options_config *config, const char *text) {
+static char *keep_text(struct lw_options_config *config, const char *text) {
     if (config->text_count == config->text_capacity) {
         const size_t capacity = config->text_capacity ? 2 * config->text_capacity : 16;
         char **grown = realloc(config->text, capacity * sizeof *grown);
@@ -28,7 +28,7 @@ static char *keep(struct lw_options_config *config, const char *text) {
 }
 
 const char *lw_options_config_keep(struct lw_options_config *config, const char *text) {
-    return keep(config, text);
+    return keep_text(config, text);
 }
 
 void lw_options_config_finish(struct lw_options_config *config) {
@@ -46,7 +46,7 @@ static bool is_listed(const char *const *names, const char *name) {
 
 static enum lw_status set(struct lw_options_config *config, const struct lw_options *options,
                           const char *name, const char *text, struct lw_error *err) {
-    const char *copy = keep(config, text);
+    const char *copy = keep_text(config, text);
     if (!copy) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     if (strcmp(name, config->positional) == 0) {
         options->positional[0] = copy;

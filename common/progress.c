@@ -142,18 +142,18 @@ static void show_when_due(struct lw_progress *p, uint64_t done) {
         lw_log(LW_LOG_INFO, "%s: %s", p->stage, state);
 }
 
-static void note(struct lw_progress *p, uint64_t done) {
+static void report(struct lw_progress *p, uint64_t done) {
     lw_waiting_raise(p->waiting, p->waiting_stage, done, p->total);
     show_when_due(p, done);
 }
 
 void lw_progress_step(struct lw_progress *p, uint64_t steps) {
-    note(p, atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps);
+    report(p, atomic_fetch_add_explicit(&p->done, steps, memory_order_relaxed) + steps);
 }
 
 void lw_progress_set(struct lw_progress *p, uint64_t done) {
     atomic_store_explicit(&p->done, done, memory_order_relaxed);
-    note(p, done);
+    report(p, done);
 }
 
 void lw_progress_finish(struct lw_progress *p) {

@@ -247,8 +247,7 @@ static enum lw_status create_server(struct program *p, const struct lw_relay_sce
     return lw_server_create(&desc, &p->server, err);
 }
 
-static enum lw_status tell_first(struct program *p, const struct lw_relay_scene *scene,
-                                 struct lw_error *err) {
+static enum lw_status announce(struct program *p, const struct lw_relay_scene *scene, struct lw_error *err) {
     const struct settings *s = &p->settings;
     char address[LW_SERVE_OPTIONS_WHERE_SIZE];
     struct lw_relay_stats stats; /* the address there has no password */
@@ -266,11 +265,12 @@ static enum lw_status tell_first(struct program *p, const struct lw_relay_scene 
 }
 
 /* Until it is to end, or another scene is there. */
-static enum lw_status serve(struct program *p, const struct lw_relay_scene *scene, struct lw_error *err) {
+static enum lw_status run_server(struct program *p, const struct lw_relay_scene *scene,
+                                 struct lw_error *err) {
     enum lw_status status = create_server(p, scene, err);
     lw_server_sockets_close(&p->sockets);
     p->hands_over = false;
-    if (status == LW_OK) status = tell_first(p, scene, err);
+    if (status == LW_OK) status = announce(p, scene, err);
     if (status == LW_OK) {
         char name[LW_SERVE_OPTIONS_WHERE_SIZE];
         lw_serve_options_where(&p->settings.serve, p->server, name, sizeof name);
@@ -294,7 +294,7 @@ static enum lw_status run(struct program *p, struct lw_error *err) {
     for (bool ends = false; status == LW_OK && !ends && !signalled;) {
         const struct lw_relay_scene *scene = lw_relay_next_scene(p->relay, WAIT_MS);
         if (!scene) continue;
-        status = serve(p, scene, err);
+        status = run_server(p, scene, err);
         lw_interrupt_watch(on_early_signal, NULL); /* the server had its own watchers */
         ends = !p->hands_over;
     }

@@ -6,7 +6,7 @@
 #include "common/invariant.h"
 #include "common/log.h"
 #include "proto/nats_wire.h"
-#include "server/serve/server_limits.h"
+#include "server/serve/admission/server_limits.h"
 
 #include <errno.h>
 #include <poll.h>
@@ -160,14 +160,14 @@ static void add_received(struct lw_relay_stats *stats, const struct lw_relay_ups
     stats->tiles_received += lw_relay_upstream_tiles(up);
 }
 
-static void drop(struct lw_relay *r, struct lw_relay_upstream **up) {
+static void close_upstream(struct lw_relay *r, struct lw_relay_upstream **up) {
     if (*up) add_received(&r->stats, *up);
     lw_relay_upstream_destroy(*up);
     *up = NULL;
 }
 
 /* With a bounded log: the same line again and again says nothing. */
-static void tell_failure(const struct lw_relay *r, const struct lw_error *err) {
+static void log_failure(const struct lw_relay *r, const struct lw_error *err) {
     const enum lw_log_level level = r->rounds < 2 ? LW_LOG_WARNING : LW_LOG_DEBUG;
     char name[300];
     if (r->rounds > 2) return;
@@ -212,7 +212,7 @@ static void set_run(struct lw_relay *r, uint64_t run) {
     r->owes_run = true;
 }
 
-static void tell_run(struct lw_relay *r, uint64_t frame) {
+static void announce_run(struct lw_relay *r, uint64_t frame) {
     if (!r->owes_run || frame < lw_relay_light_frame_for_clients(r->scene.light, 1)) return;
     lw_server_set_run(r->server, r->run);
     r->owes_run = false;
@@ -221,7 +221,7 @@ static void tell_run(struct lw_relay *r, uint64_t frame) {
 /* The server above has begun again, with the same scene: sessions of clients go on. False: they cannot. */
 static bool begin_run(struct lw_relay *r, const struct lw_relay_upstream *up) {
     const uint64_t above_run = lw_relay_upstream_told(up)->run, run = join_runs(r->run, above_run);
-    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) close_upstream(r, &r->feed[c]);
     if (!lw_relay_light_begin_run(r->scene.light, run)) return false;
     lw_log(LW_LOG_INFO, "%s lights the same scene in another run: clients go on with it",
            lw_relay_upstream_address(up));
@@ -252,7 +252,7 @@ static enum lw_status begin_newcomer(struct lw_relay *r, struct lw_relay_upstrea
                       sizeof(struct lw_package_hash))
                    ? "another scene"
                    : "the scene in another way");
-    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) close_upstream(r, &r->feed[c]);
     const enum lw_status status = lw_relay_upstream_begin(up, err);
     if (status == LW_OK) r->newcomer = up;
     return status;
@@ -299,7 +299,7 @@ static void connect_feed(struct lw_relay *r, bool draws) {
         r->retry_ns = 0;
         return;
     }
-    tell_failure(r, &err);
+    log_failure(r, &err);
     lw_relay_upstream_destroy(up);
     try_next(r);
 }
@@ -329,7 +329,7 @@ static void follow_channels(struct lw_relay *r) {
     }
     const uint32_t channels = choose_channels(r, now_ns);
     for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT && !r->newcomer; c++) {
-        if (r->feed[c] && !(channels >> c & 1)) drop(r, &r->feed[c]);
+        if (r->feed[c] && !(channels >> c & 1)) close_upstream(r, &r->feed[c]);
         if (!r->feed[c] && channels >> c & 1 && lw_clock_ns() >= r->retry_ns)
             connect_feed(r, c == LW_LIGHT_FORM_SPLIT);
     }
@@ -536,7 +536,7 @@ static void take_newcomer(struct lw_relay *r) {
     if (lw_relay_upstream_take(r->newcomer, &err) != LW_OK) {
         lw_log(LW_LOG_WARNING, "%s", err.text);
         const uint32_t retry_after_ms = lw_relay_upstream_retry_after_ms(r->newcomer);
-        drop(r, &r->newcomer); /* if its scene is complete that waits all the same */
+        close_upstream(r, &r->newcomer); /* if its scene is complete that waits all the same */
         note_lost(r, retry_after_ms);
         return;
     }
@@ -556,7 +556,7 @@ static void take_feeds(struct lw_relay *r) {
         if (!r->feed[c] || lw_relay_upstream_take(r->feed[c], &err) == LW_OK) continue;
         const uint32_t retry_after_ms = lw_relay_upstream_retry_after_ms(r->feed[c]);
         lw_log(LW_LOG_WARNING, "%s; clients keep the light that they have", err.text);
-        drop(r, &r->feed[c]);
+        close_upstream(r, &r->feed[c]);
         note_lost(r, retry_after_ms);
     }
 }
@@ -583,7 +583,7 @@ static void publish(struct lw_relay *r) {
     r->stats.snapshots++;
     r->stats.frame = snapshot->frame;
     r->stats.has_light = true;
-    tell_run(r, snapshot->frame);
+    announce_run(r, snapshot->frame);
     lw_server_publish(r->server, snapshot);
     lw_snapshot_unref(snapshot);
 }
@@ -656,7 +656,7 @@ static void wait_for_any(struct lw_relay *r) {
     pthread_mutex_lock(&r->mutex);
 }
 
-static void tell_stats(struct lw_relay *r) {
+static void publish_stats(struct lw_relay *r) {
     struct lw_relay_stats stats = r->stats;
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         if (r->feed[c]) add_received(&stats, r->feed[c]);
@@ -682,12 +682,12 @@ static void *run(void *context) {
         for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) serve_control(r, &r->control[c]);
         publish(r);
         report(r);
-        tell_stats(r);
+        publish_stats(r);
         wait_for_any(r);
     }
     for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) free_control(&r->control[c]);
-    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) drop(r, &r->feed[c]);
-    drop(r, &r->newcomer);
+    for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) close_upstream(r, &r->feed[c]);
+    close_upstream(r, &r->newcomer);
     pthread_mutex_unlock(&r->mutex);
     return NULL;
 }

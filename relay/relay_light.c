@@ -6,7 +6,7 @@
 #include "common/tile/tile_codec.h"
 #include "relay/relay_fine.h"
 #include "server/publish/frame_message.h"
-#include "server/serve/transcoder.h"
+#include "server/serve/tiles/transcoder.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "relay/relay_metrics.h"
 
-#include "server/serve/serve_metrics.h"
+#include "server/serve/metrics/serve_metrics.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -67,7 +67,7 @@ bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_rel
                            b->client_materials_size)));
 }
 
-static void finish_told(struct lw_relay_told *told) {
+static void free_welcome(struct lw_relay_told *told) {
     free(told->client_lights);
     free(told->client_materials);
     told->client_lights = told->client_materials = NULL;
@@ -75,7 +75,7 @@ static void finish_told(struct lw_relay_told *told) {
 
 void lw_relay_scene_finish(struct lw_relay_scene *scene) {
     lw_relay_light_destroy(scene->light);
-    finish_told(&scene->told);
+    free_welcome(&scene->told);
     free(scene->package);
     free(scene->finishes);
     *scene = (struct lw_relay_scene){0};
@@ -162,7 +162,7 @@ static uint8_t *copy_bits(const uint8_t *bits, size_t size) {
     return copy;
 }
 
-static enum lw_status note_told(struct lw_relay_upstream *up, const struct lw_message_welcome *w) {
+static enum lw_status note_welcome(struct lw_relay_upstream *up, const struct lw_message_welcome *w) {
     struct lw_relay_told *told = &up->told;
     *told = (struct lw_relay_told){.run = w->run,
                                    .package_hash = w->package_hash,
@@ -216,7 +216,7 @@ static enum lw_status handle_welcome(struct lw_relay_upstream *up, const struct 
         return lw_status_fail(err, LW_NOT_ALLOWED, "it takes no updates from here");
     if (up->control) return LW_OK;
     const struct lw_message_package package = lw_message_welcome_package(w);
-    status = note_told(up, w);
+    status = note_welcome(up, w);
     if (status == LW_OK)
         status = lw_download_init(&up->download, "scene package", &package,
                                   up->cache_folder ? find_part : NULL, up);
@@ -368,7 +368,7 @@ static enum lw_status send_surely(struct lw_relay_upstream *up, const struct lw_
     }
 }
 
-static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_error *err) {
+static enum lw_status send_interest(struct lw_relay_upstream *up, struct lw_error *err) {
     const struct lw_interest_list *now = &up->interest.now;
     const struct lw_atlas_map *map = up->light ? lw_relay_light_map(up->light) : NULL;
     const uint64_t now_ns = lw_clock_ns();
@@ -402,8 +402,8 @@ static enum lw_status tell_interest(struct lw_relay_upstream *up, struct lw_erro
 
 /* Requests the missing parts of a package. download NULL: none is, and the request begins the stream of
  * light. */
-static enum lw_status ask(struct lw_relay_upstream *up, enum lw_message_type type,
-                          const struct lw_download *download, struct lw_error *err) {
+static enum lw_status request_package(struct lw_relay_upstream *up, enum lw_message_type type,
+                                      const struct lw_download *download, struct lw_error *err) {
     struct lw_message request = {.type = type};
     uint8_t *held = NULL;
     if (!download)
@@ -426,14 +426,15 @@ enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *up, struct lw_e
     else if ((status = lw_download_begin(&up->download, err)) == LW_OK &&
              lw_download_is_complete(&up->download))
         status = end_download(up, err);
-    if (status == LW_OK) status = tell_interest(up, err); /* before tiles can come */
-    if (status == LW_OK) status = ask(up, LW_MESSAGE_PACKAGE_REQUEST, up->light ? NULL : &up->download, err);
+    if (status == LW_OK) status = send_interest(up, err); /* before tiles can come */
+    if (status == LW_OK)
+        status = request_package(up, LW_MESSAGE_PACKAGE_REQUEST, up->light ? NULL : &up->download, err);
     up->has_asked = status == LW_OK;
     if (up->light) lw_download_finish(&up->download);
     return status;
 }
 
-static enum lw_status tell_held(struct lw_relay_upstream *up, struct lw_error *err) {
+static enum lw_status send_held(struct lw_relay_upstream *up, struct lw_error *err) {
     const struct lw_atlas_map *map = lw_relay_light_map(up->light);
     const uint64_t deadline_ns = lw_clock_ns() + LW_LINK_SILENCE_S * 1000000000ull;
     struct lw_message_held *held = malloc(HOLDS_AT_ONCE * sizeof *held);
@@ -463,9 +464,9 @@ enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *up, struct lw_
     if (up->feed) lw_nats_feed_set_map(up->feed, lw_relay_light_map(light));
     lw_download_finish(&up->download);
     lw_download_finish(&up->finish_download);
-    enum lw_status status = tell_interest(up, err);
-    if (status == LW_OK && (up->features & LW_FEATURE_RESUME)) status = tell_held(up, err);
-    if (status == LW_OK) status = ask(up, LW_MESSAGE_PACKAGE_REQUEST, NULL, err);
+    enum lw_status status = send_interest(up, err);
+    if (status == LW_OK && (up->features & LW_FEATURE_RESUME)) status = send_held(up, err);
+    if (status == LW_OK) status = request_package(up, LW_MESSAGE_PACKAGE_REQUEST, NULL, err);
     up->has_asked = status == LW_OK;
     return status;
 }
@@ -484,7 +485,7 @@ static enum lw_status ask_for_finishes(struct lw_relay_upstream *up, struct lw_e
     }
     if (!lw_relay_light_has_first(up->light, up->channel)) return LW_OK;
     up->finish_asked = true;
-    return ask(up, LW_MESSAGE_FINISH_REQUEST, d, err);
+    return request_package(up, LW_MESSAGE_FINISH_REQUEST, d, err);
 }
 
 static enum lw_status acknowledge(struct lw_relay_upstream *up, struct lw_error *err) {
@@ -621,7 +622,7 @@ void lw_relay_upstream_destroy(struct lw_relay_upstream *up) {
     if (up->owns_light) lw_relay_light_destroy(up->light);
     free(up->scene.package);
     free(up->scene.finishes);
-    finish_told(&up->told);
+    free_welcome(&up->told);
     lw_download_finish(&up->download);
     lw_download_finish(&up->finish_download);
     lw_interest_finish(&up->interest);
@@ -652,7 +653,7 @@ int lw_relay_upstream_descriptor(const struct lw_relay_upstream *up, short *out_
 enum lw_status lw_relay_upstream_take(struct lw_relay_upstream *up, struct lw_error *err) {
     enum lw_status status = lw_link_wait(&up->link, 0, err); /* it pings, too */
     if (status == LW_OK) status = receive(up, err);
-    if (status == LW_OK && !up->control) status = tell_interest(up, err);
+    if (status == LW_OK && !up->control) status = send_interest(up, err);
     if (status == LW_OK && up->has_asked) status = ask_for_finishes(up, err);
     return status == LW_OK ? acknowledge(up, err) : status;
 }

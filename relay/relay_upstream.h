@@ -102,8 +102,8 @@ LW_MUST_CHECK enum lw_status lw_relay_upstream_update(struct lw_relay_upstream *
 typedef void lw_relay_upstream_answered(void *context, const struct lw_message_updated *updated);
 void lw_relay_upstream_set_answered(struct lw_relay_upstream *upstream, lw_relay_upstream_answered *answered,
                                     void *context);
-/** Reports this relay and the ones below it (server/serve/relay_tree.h), if the server above lists relays and
- * the link has room. Errors: LW_CLOSED, LW_NO_MEMORY. */
+/** Reports this relay and the ones below it (server/serve/metrics/relay_tree.h), if the server above lists
+ * relays and the link has room. Errors: LW_CLOSED, LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_report(struct lw_relay_upstream *upstream, const char *text,
                                                       size_t size, struct lw_error *err);
 /** Progress of its first light: WAITING raises it. NULL: nobody wants to know. Outlives it. */

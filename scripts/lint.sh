@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 # Lines of prose that may have such a pattern (scripts/prose.pl). The number may fall; it does not rise.
-prose_limit=19
+prose_limit=18
 
 # prose_of OPTIONS FILE...: comments and documents but reports that a program has written; no FILE: all
 prose_of() {
@@ -52,6 +52,11 @@ forbid client/lib 'client/(camera|paths|view|measure|load|control)/' 'the client
 forbid client/camera 'client/(lib|paths|view|gl|measure|load|control)/' 'a camera draws nothing'
 forbid client/paths 'client/(lib|view|gl|measure|load|control)/' 'paths know no cache'
 forbid client/view 'client/(measure|load|control)/' 'the viewer measures nothing'
+# Rooms of the viewer: shading <- lights <- compose <- view <- { window, client/gl }.
+own='client/view/[a-z_]+\.h'
+forbid client/view/shading "client/(lib|gl|view/(lights|compose|window))/|$own" 'shading knows no client'
+forbid client/view/lights "client/(gl|view/(compose|window))/|$own" 'lights know no picture'
+forbid client/view/compose "client/(gl|view/window)/|$own" 'the composer knows no window'
 forbid client/measure 'client/(load|control)/' 'measuring knows no other command'
 forbid client/measure/sides 'client/measure/([a-z_]+\.h|figures/)' 'sides judge nothing'
 forbid client/measure/figures 'client/measure/[a-z_]+\.h' 'figures know no command'
@@ -68,8 +73,20 @@ forbid server/solve/radiosity "server/solve/(adapt|filter)/|$own" 'radiosity kno
 forbid server/solve/filter "server/solve/(transport|adapt)/|$own" 'filters know sums alone'
 forbid server/publish 'server/serve/' 'publish knows no sessions'
 forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
-for folder in common proto client relay tests server/solve server/publish server/serve; do forbid "$folder" 'assimp/' 'only server/import uses Assimp'; done
-forbid client/gl '(SDL|client/view/(window|screen|headless))' 'the GL renderer knows no window'
+# Rooms of importing: import <- { images, mesh } <- gltf, { import, mesh } <- text <- foreign.
+forbid server/import/images 'server/import/(mesh|text|gltf|foreign)/' 'pictures know no format of scenes'
+forbid server/import/mesh 'server/import/(images|text|gltf|foreign)/' 'meshes know no format'
+forbid server/import/text 'server/import/(images|gltf|foreign)/|assimp/' 'text knows neither pictures nor Assimp'
+forbid server/import/gltf 'server/import/(text|foreign)/|assimp/' 'glTF has a reader of its own'
+forbid server/import/foreign 'server/import/gltf/' 'Assimp reads no glTF'
+# Rooms of serving: { admission, metrics, tiles } <- sessions <- transports <- web <- the server.
+own='server/serve/[a-z_]+\.h'
+for room in admission metrics tiles; do forbid server/serve/$room "server/serve/(sessions|transports|web)/|$own" "$room knows no sessions"; done
+forbid server/serve/sessions "server/serve/(transports|web)/|$own" 'a session does not know its link'
+forbid server/serve/transports "server/serve/web/|$own" 'transports know no HTTP server'
+forbid server/serve/web "$own" 'web does not know the server'
+for folder in common proto client relay tests server/{solve,publish,serve,bake,nats}; do forbid "$folder" 'assimp/' 'only server/import/foreign uses Assimp'; done
+forbid client/gl '(SDL|client/view/(window/|headless|path_command))' 'the GL renderer knows no window'
 for folder in common/image common/light common/scene common/tile proto server client relay tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
 
 twins=$(find common proto server client relay -name '*.c' -printf '%f\n' | sort | uniq -d)
@@ -112,6 +129,7 @@ if [ -n "$found" ]; then complain "rooms need each other:"$'\n'"$found"; fi
 parts='client/lib/draws client/lib/client
 client/lib/live_tiles client/lib/live
 client/lib/replica client/lib/client
+client/view/compose/compose_private client/view/compose/compose
 common/light/light_kernels common/light/lights
 common/lightmap/lightmap_check common/lightmap/lightmap
 common/lightmap/lightmap_merge common/lightmap/lightmap_chart
@@ -119,12 +137,20 @@ common/lightmap/lightmap_pack common/lightmap/lightmap
 common/lightmap/lightmap_shape common/lightmap/lightmap
 common/lightmap/lightmap_split common/lightmap/lightmap_chart
 common/options_manual common/options
-server/import/foreign_import server/import/foreign
-server/import/gltf_meshopt server/import/gltf_document
-server/serve/session_private server/serve/session
-server/serve/turns server/serve/session'
+server/import/foreign/foreign_import server/import/foreign/foreign
+server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
+server/serve/server_private server/serve/server
+server/serve/sessions/session_private server/serve/sessions/session
+server/serve/sessions/turns server/serve/sessions/session'
 found=$(inclusions '*.[ch]' | sed 's/\.[ch]\b//g' | awk '$1 != $2' | grep -vxF "$parts" | circle || true)
 if [ -n "$found" ]; then complain "modules include each other; a part that needs its whole is listed in scripts/lint.sh:"$'\n'"$found"; fi
+
+# A folder with more modules than a reader takes in at a glance holds more than one trade.
+modules_max=25
+crowded=$(git ls-files {common,proto,server,client,relay}/'*.c' | while read -r file; do
+    if [ -e "${file%.c}.h" ]; then dirname "$file"; fi
+done | sort | uniq -c | awk -v most=$modules_max '$1 > most { print "    " $2 ": " $1 }')
+if [ -n "$crowded" ]; then complain "folders with over $modules_max modules want rooms:"$'\n'"$crowded"; fi
 
 # The first line of a header names the header.
 found=$(git ls-files '*.h' | while read -r header; do

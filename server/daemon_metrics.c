@@ -1,7 +1,7 @@
 #include "server/daemon_metrics.h"
 
 #include "common/clock.h"
-#include "server/serve/serve_metrics.h"
+#include "server/serve/metrics/serve_metrics.h"
 
 #include <stdlib.h>
 #include <string.h>

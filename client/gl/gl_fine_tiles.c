@@ -198,7 +198,7 @@ static void write_word(struct call *c, uint32_t slot) {
     set_word(c, s, (uint16_t)((slot + 1) | share << LW_GL_FINE_TILES_SHIFT));
 }
 
-static void drop(struct call *c, uint32_t slot) {
+static void empty_slot(struct call *c, uint32_t slot) {
     struct lw_gl_fine_slot *s = &c->fine->slot[slot];
     set_word(c, s, 0);
     c->fine->in_pool[s->object]--;
@@ -224,13 +224,13 @@ static void fade(const struct call *c, struct lw_gl_fine_slot *s, bool stays) {
 static void follow_slot(struct call *c, uint32_t slot) {
     struct lw_gl_fine_slot *s = &c->fine->slot[slot];
     if (!is_same(c, s)) {
-        drop(c, slot);
+        empty_slot(c, slot);
         return;
     }
     const bool stays = is_read(c, s->tile);
     fade(c, s, stays);
     if (!stays && (s->share <= 0 || !s->version[SELF])) {
-        drop(c, slot);
+        empty_slot(c, slot);
         return;
     }
     uint64_t version[PARTS];
@@ -266,7 +266,7 @@ static void add(struct call *c, uint32_t tile) {
         fine->waiting++;
         return;
     }
-    if (s->tile != NONE) drop(c, slot);
+    if (s->tile != NONE) empty_slot(c, slot);
     if (!upload(fine, c->take->source, slot, tile)) return;
     c->oldest = NONE;
     c->tiles_left--;

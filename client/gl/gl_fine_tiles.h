@@ -7,12 +7,12 @@
  * neighbours' where they have arrived, else the tile's own edge; it follows the neighbours.
  *
  * A tile is in the pool while it is there and has noise level 0, as the composer reads it
- * (client/view/compose.c). When the pool is full, a tile takes the place of another one only if surveys have
- * wanted it more recently. */
+ * (client/view/compose/compose_look.c). When the pool is full, a tile takes the place of another one only if
+ * surveys have wanted it more recently. */
 #ifndef LW_CLIENT_GL_FINE_TILES_H
 #define LW_CLIENT_GL_FINE_TILES_H
 
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 
 #include <epoxy/gl.h>
 

@@ -6,14 +6,14 @@
  * Levels 0, 1 and 2 of an atlas are the mip levels of one place in a page, so that a look-up there needs no
  * table; coarser ones, which stand in for those until they arrive, have places of their own.
  *
- * Which level a point is read at is the composer's rule (client/view/compose.h). The part of it that depends
- * on the arrived tiles and on their noise is worked out here, a word for each tile: a point asks the tile
- * of the level that its pixel needs, and reads the level that the word names. */
+ * Which level a point is read at is the composer's rule (client/view/compose/compose.h). The part of it that
+ * depends on the arrived tiles and on their noise is worked out here, a word for each tile: a point asks the
+ * tile of the level that its pixel needs, and reads the level that the word names. */
 #ifndef LW_CLIENT_GL_LIGHT_H
 #define LW_CLIENT_GL_LIGHT_H
 
 #include "client/gl/gl_fine_tiles.h"
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 
 #include <epoxy/gl.h>
 

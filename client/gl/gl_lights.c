@@ -131,7 +131,7 @@ static bool materials_differ(const struct lw_gl_lights *l) {
     return false;
 }
 
-static bool comes_close(const struct lw_gl_lights_box *box, struct lw_vec3 p, float m) {
+static bool is_within(const struct lw_gl_lights_box *box, struct lw_vec3 p, float m) {
     return p.x >= box->low.x - m && p.y >= box->low.y - m && p.z >= box->low.z - m &&
            p.x <= box->high.x + m && p.y <= box->high.y + m && p.z <= box->high.z + m;
 }
@@ -160,7 +160,7 @@ enum lw_status lw_gl_lights_follow(struct lw_gl_lights *l, const struct lw_pose 
         const struct lw_emitter_cluster *c = &l->clusters.cluster[i];
         bool close = false;
         for (uint32_t k = 0; k < moved_count && !close; k++)
-            close = comes_close(&moved[k], c->centre, c->reach_m);
+            close = is_within(&moved[k], c->centre, c->reach_m);
         if (close) lw_emitter_clusters_place(&l->clusters, i, l->trace);
     }
     for (size_t k = 0; k < sizeof l->map / sizeof l->map[0]; k++)

@@ -11,7 +11,7 @@
 #ifndef LW_CLIENT_GL_LIGHTS_H
 #define LW_CLIENT_GL_LIGHTS_H
 
-#include "client/view/emitter_clusters.h"
+#include "client/view/lights/emitter_clusters.h"
 #include "common/light/client_lights.h"
 
 #include <epoxy/gl.h>

@@ -7,7 +7,7 @@
 #include "client/gl/gl_shaders.h"
 #include "client/gl/gl_target.h"
 #include "client/gl/gl_texture.h"
-#include "client/view/ambient.h"
+#include "client/view/shading/ambient.h"
 #include "common/light/direction_form.h"
 #include "common/shading/lobe_table.h"
 #include "common/tile/fine_choice.h"

@@ -4,14 +4,14 @@
  *          needs
  * Threads: that of the context, which must be current in each call.
  *
- * What it draws is the composer's picture (client/view/compose.h), whose rays are the reference, but that
- * BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the order of
- * its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most, those that give
- * most where the eye is. */
+ * What it draws is the composer's picture (client/view/compose/compose.h), whose rays are the reference, but
+ * that BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the
+ * order of its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most, those
+ * that give most where the eye is. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 #include "client/view/tonemap.h"
 
 struct lw_gl_renderer;

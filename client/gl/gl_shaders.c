@@ -317,7 +317,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "}\n"
     "#endif\n"
     "\n"
-    "#ifdef FINISH\n"          /* client/view/gloss.c */
+    "#ifdef FINISH\n"          /* client/view/shading/gloss.c */
     "uniform vec4 u_finish;\n" /* metalness, roughness, specular, ((ior - 1) / (ior + 1))^2 */
     "uniform vec3 u_specular_colour, u_sky;\n"
     "uniform vec3 u_relief;\n" /* scale of bumps, strength of occlusion; 1: that is in the first map */
@@ -451,7 +451,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "    f_mirrored = (f0 * share.x + f90 * share.y) * boost;\n"
     "}\n"
     "\n"
-    "#ifdef AMBIENT\n" /* client/view/ambient.c: 6 maps of mirrors, one of matt surfaces */
+    "#ifdef AMBIENT\n" /* client/view/shading/ambient.c: 6 maps of mirrors, one of matt surfaces */
     "vec3 ambient_at(vec3 d, float map) {\n"
     "    d /= abs(d.x) + abs(d.y) + abs(d.z) + 1e-30;\n"
     "    vec2 sides = vec2(d.x < 0.0 ? -1.0 : 1.0, d.y < 0.0 ? -1.0 : 1.0);\n"
@@ -459,7 +459,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "    return textureLod(u_ambient, vec3(at * (32.0 / 33.0) + 0.5 / 33.0, map), 0.0).rgb;\n"
     "}\n"
     "#endif\n"
-    "#ifdef DIRECTION\n" /* client/view/gloss.c: direct_all() */
+    "#ifdef DIRECTION\n" /* client/view/shading/gloss.c: direct_all() */
     "void directed(out float factor, out float gain) {\n"
     "    vec3 n = f_plain, r = g_direction;\n"
     "    float long2 = dot(r, r);\n"
@@ -667,7 +667,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "}\n"
     "#endif\n"
     "\n"
-    "#ifdef SHOWN\n" /* client/view/show.h */
+    "#ifdef SHOWN\n" /* client/view/compose/show.h */
     "uniform int u_show;\n"
     "uniform samplerBuffer u_tile_colours;\n"
     "uniform vec3 u_level_colours[6];\n" /* from -2 on */

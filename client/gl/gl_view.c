@@ -1,6 +1,6 @@
 #include "client/gl/gl_view.h"
 
-#include "client/view/antialias.h"
+#include "client/view/compose/antialias.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -5,7 +5,7 @@
 #define LW_CLIENT_GL_VIEW_H
 
 #include "client/gl/gl_renderer.h"
-#include "client/view/stage.h"
+#include "client/view/compose/stage.h"
 
 struct lw_gl_view {
     struct lw_gl_renderer *renderer; /* NULL: there is none */

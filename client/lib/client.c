@@ -504,7 +504,7 @@ static void drop_unlisted(struct lw_client *c) {
 
 /* Sends the interest set if it has changed. While the link is busy it waits: a later set may replace this
  * one. */
-static enum lw_status tell_interest(struct lw_client *c, struct lw_error *err) {
+static enum lw_status send_interest(struct lw_client *c, struct lw_error *err) {
     const struct lw_interest_list *now = &c->interest.now;
     const uint64_t now_ns = lw_clock_ns();
     if (c->link.outbox_size || !lw_interest_is_due(&c->interest, now_ns)) return LW_OK;
@@ -684,7 +684,7 @@ static enum lw_status ask_for_finishes(struct lw_client *c, struct lw_error *err
 
 /* Sends the list of tiles that the server need not send. Where the link is busy some are left out: they come
  * again. */
-static enum lw_status tell_held(struct lw_client *c, struct lw_error *err) {
+static enum lw_status send_held(struct lw_client *c, struct lw_error *err) {
     if (!c->replica || !c->may_hold) return LW_OK;
     const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
     struct lw_message_held *held = malloc(HOLDS_AT_ONCE * sizeof *held);
@@ -737,8 +737,8 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
         if (status == LW_OK) status = take_all(c, deadline_ns, &cause);
     }
     if (status == LW_OK && c->operate) return LW_OK;
-    if (status == LW_OK) status = tell_interest(c, &cause); /* before tiles can come */
-    if (status == LW_OK) status = tell_held(c, &cause);
+    if (status == LW_OK) status = send_interest(c, &cause); /* before tiles can come */
+    if (status == LW_OK) status = send_held(c, &cause);
     if (status == LW_OK) return ask_for_package(c, err);
     /* a peer that hangs up before its welcome is no lightwelld, like one that sends garbage */
     if (status == LW_PROTOCOL || status == LW_CLOSED)
@@ -899,7 +899,7 @@ static enum lw_status wait_and_take(struct lw_client *c, unsigned timeout_ms, st
     const uint64_t began_ns = lw_clock_ns();
     bool any; /* what came along with the welcome, or there was no time for */
     enum lw_status status = take_buffered(c, began_ns + c->budget_ns, &any, err);
-    if (status == LW_OK) status = tell_interest(c, err);
+    if (status == LW_OK) status = send_interest(c, err);
     if (status == LW_OK) status = wait_for_server(c, any ? 0 : lw_clock_ns() + timeout_ms * 1000000ull, err);
     const uint64_t now_ns = lw_clock_ns(), end_ns = (any ? began_ns : now_ns) + c->budget_ns;
     if (status == LW_OK && now_ns < end_ns) status = take_all(c, end_ns, err);

@@ -299,7 +299,7 @@ enum lw_status lw_link_send(struct lw_link *link, const struct lw_message *messa
 }
 
 /* Pings when due; gives up on a server that says nothing although somebody listens. */
-static enum lw_status mind_silence(struct lw_link *link, uint64_t now_ns, struct lw_error *err) {
+static enum lw_status check_silence(struct lw_link *link, uint64_t now_ns, struct lw_error *err) {
     /* silence counts only while we look: after a pause of our own the count begins again */
     LW_INVARIANT(now_ns >= link->looked_ns && now_ns >= link->heard_ns && now_ns >= link->pinged_ns);
     if (now_ns - link->looked_ns > LW_LINK_PING_S * SECOND_NS) link->heard_ns = now_ns;
@@ -327,7 +327,7 @@ enum lw_status lw_link_wait(struct lw_link *link, uint64_t deadline_ns, struct l
             if (status != LW_OK) return status;
         }
         now_ns = lw_clock_ns();
-        enum lw_status status = mind_silence(link, now_ns, err);
+        enum lw_status status = check_silence(link, now_ns, err);
         if (status != LW_OK || now_ns >= deadline_ns) return status;
     }
 }

@@ -121,7 +121,7 @@ static void forget_scene(struct lw_live *live) {
     lw_client_forget_scene(live->client);
 }
 
-static enum lw_live_status tell_other_scene(struct lw_live *live, struct lw_live_error *err) {
+static enum lw_live_status report_other_scene(struct lw_live *live, struct lw_live_error *err) {
     forget_scene(live);
     return lw_live_fail(err, LW_LIVE_OTHER_SCENE, "the server lights another scene now");
 }
@@ -299,7 +299,8 @@ void lw_live_close(struct lw_live *live) {
 }
 
 /* Until the thread has taken in something that the caller does not know of. */
-static enum lw_live_status hear(struct lw_live *live, uint32_t timeout_ms, struct lw_live_error *err) {
+static enum lw_live_status wait_for_news(struct lw_live *live, uint32_t timeout_ms,
+                                         struct lw_live_error *err) {
     const uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
     const struct timespec deadline = {(time_t)(deadline_ns / 1000000000u), (long)(deadline_ns % 1000000000u)};
     lw_live_lock(live);
@@ -308,7 +309,7 @@ static enum lw_live_status hear(struct lw_live *live, uint32_t timeout_ms, struc
     LW_INVARIANT(live->told <= live->taken);
     live->told = live->taken;
     enum lw_live_status status =
-        live->other_scene ? tell_other_scene(live, err) : lw_live_pass(err, live->ended, &live->reason);
+        live->other_scene ? report_other_scene(live, err) : lw_live_pass(err, live->ended, &live->reason);
     if (status == LW_LIVE_OTHER_SCENE) rouse(live);
     lw_live_unlock(live);
     return status;
@@ -316,7 +317,7 @@ static enum lw_live_status hear(struct lw_live *live, uint32_t timeout_ms, struc
 
 enum lw_live_status lw_live_poll(struct lw_live *live, uint32_t timeout_ms, struct lw_live_error *err) {
     if (!live) return lw_live_fail(err, LW_LIVE_USAGE, "live is NULL");
-    if (live->has_thread) return hear(live, timeout_ms, err);
+    if (live->has_thread) return wait_for_news(live, timeout_ms, err);
     struct lw_error cause = {0};
     enum lw_status status = lw_live_interest_update(&live->interest, live->client, lw_clock_ns());
     if (status == LW_OK) status = lw_client_poll(live->client, timeout_ms, &cause);
@@ -332,7 +333,7 @@ enum lw_live_status lw_live_reconnect(struct lw_live *live, struct lw_live_error
     enum lw_status status = lw_client_reconnect(live->client, &cause);
     live->is_connected = status == LW_OK;
     live->sessions += status == LW_OK;
-    if (status != LW_OK && lw_client_found_other_scene(live->client)) return tell_other_scene(live, err);
+    if (status != LW_OK && lw_client_found_other_scene(live->client)) return report_other_scene(live, err);
     return lw_live_pass(err, status, &cause);
 }
 

@@ -81,7 +81,7 @@ static void empty(struct lw_live_slots *slots, struct lw_live_slots_one *s) {
 }
 
 /* Moves the share of a slot on. */
-static void follow(struct lw_live_slots *slots, struct lw_live_slots_one *s, float step, bool fades) {
+static void update_share(struct lw_live_slots *slots, struct lw_live_slots_one *s, float step, bool fades) {
     const struct lw_atlas_map *map = slots->tiles->map;
     const lw_tile_id id = find(slots, &s->place, SELF);
     const bool stays = id.v != UINT32_MAX && lw_live_tiles_reads_fine(slots->tiles, id);
@@ -183,7 +183,7 @@ size_t lw_live_slots_take(struct lw_live_slots *slots, uint64_t now_ns, size_t t
     slots->moved_ns = now_ns;
     memset(slots->placed, 0, lw_atlas_map_room(slots->tiles->map));
     for (uint32_t i = 0; i < slots->count; i++)
-        if (slots->slot[i].used) follow(slots, &slots->slot[i], step, fades);
+        if (slots->slot[i].used) update_share(slots, &slots->slot[i], step, fades);
     place_all(slots, fades);
     LW_INVARIANT(slots->used <= slots->count);
     struct report t = {out_slot, 0, capacity, tiles_max ? tiles_max : SIZE_MAX};

@@ -342,7 +342,7 @@ static bool is_even(const struct lw_live_survey *s, const struct lw_live_survey_
 }
 
 /* Adds the tiles that a look-up of a cell reads. */
-static void ask(struct lw_live_survey *s, const struct lw_live_survey_cell *cell) {
+static void add_tiles_of(struct lw_live_survey *s, const struct lw_live_survey_cell *cell) {
     if (cell->object == NONE) return;
     while (s->tile_count > LW_LIVE_SURVEY_TILES_MAX - 4 && s->coarser + 1 < s->map->finer_count) coarsen(s);
     if (s->tile_count > LW_LIVE_SURVEY_TILES_MAX - 4) return;
@@ -399,7 +399,7 @@ uint32_t lw_live_survey_list(struct lw_live_survey *s, const struct lw_live_view
         const bool is_perspective = m[3] != 0 || m[7] != 0 || m[11] != 0;
         if (!is_perspective || !(p.far > 0) || !isfinite(p.far)) continue;
         draw_view(s, &p);
-        for (uint32_t i = 0; i < p.width * p.height; i++) ask(s, &p.cell[i]);
+        for (uint32_t i = 0; i < p.width * p.height; i++) add_tiles_of(s, &p.cell[i]);
     }
     while (s->tile_count > most && s->coarser + 1 < s->map->finer_count) coarsen(s);
     const uint32_t count = choose(s, most, out_tile);

@@ -25,7 +25,7 @@ static bool has_beside(const struct lw_live_tiles *tiles, const struct lw_tile_p
 }
 
 /* Texels of a level in a column or row of tiles. */
-static uint32_t rest(uint32_t texels, uint32_t tile) {
+static uint32_t texels_in_tile(uint32_t texels, uint32_t tile) {
     const uint32_t left = texels - tile * LW_TILE_SIDE;
     return left < LW_TILE_SIDE ? left : LW_TILE_SIDE;
 }
@@ -60,8 +60,8 @@ static bool find_fine_source(const struct lw_live_tiles *tiles, const struct lw_
     const lw_tile_id tile = lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y);
     const struct source own = {.first_x = tile_x * LW_TILE_SIDE,
                                .first_y = tile_y * LW_TILE_SIDE,
-                               .width = rest(at->width, tile_x),
-                               .height = rest(at->height, tile_y)};
+                               .width = texels_in_tile(at->width, tile_x),
+                               .height = texels_in_tile(at->height, tile_y)};
     *out = own;
     if (tile.v != UINT32_MAX && lw_live_tiles_reads_fine(tiles, tile)) {
         out->level =

@@ -108,8 +108,8 @@ static bool is_dirty_row(const struct lw_live_tiles *tiles, const struct lw_tile
 
 /* The largest rectangle of dirty tiles that begins with this one, first to the right, then down, within a
  * number of texels. */
-static struct lw_live_rect grow(struct lw_live_tiles *tiles, const struct lw_tile_place *p,
-                                uint64_t texels_max) {
+static struct lw_live_rect dirty_rectangle(struct lw_live_tiles *tiles, const struct lw_tile_place *p,
+                                           uint64_t texels_max) {
     const struct lw_atlas_level *level = &tiles->map->atlas[p->object].level[p->level];
     const uint64_t tile_texels = LW_TILE_SIDE * LW_TILE_SIDE;
     uint32_t width = 1, height = 1;
@@ -144,11 +144,11 @@ struct taking {
 };
 
 /* false: there is no more room. */
-static bool take(struct lw_live_tiles *tiles, struct taking *t, lw_tile_id tile) {
+static bool add_rectangle(struct lw_live_tiles *tiles, struct taking *t, lw_tile_id tile) {
     const struct lw_tile_place *p = &tiles->map->place[tile.v];
     const uint64_t texels = (uint64_t)p->width * p->height;
     if (t->count == t->capacity || (t->count && t->texels + texels > t->texels_max)) return false;
-    const struct lw_live_rect rect = grow(tiles, p, t->texels_max - t->texels);
+    const struct lw_live_rect rect = dirty_rectangle(tiles, p, t->texels_max - t->texels);
     t->texels += (uint64_t)rect.width * rect.height;
     t->rect[t->count++] = rect;
     return true;
@@ -161,7 +161,7 @@ static void take_of(struct lw_live_tiles *tiles, struct taking *t, uint32_t obje
         if (level != LW_LIVE_NONE && l != level) continue;
         for (uint32_t i = 0; i < at->tiles_x * at->tiles_y; i++) {
             const lw_tile_id tile = {tiles->map->first_tile[object] + at->first_tile + i};
-            if (tiles->state[tile.v] & DIRTY && !take(tiles, t, tile)) return;
+            if (tiles->state[tile.v] & DIRTY && !add_rectangle(tiles, t, tile)) return;
         }
     }
 }
@@ -171,7 +171,7 @@ static void take_oldest(struct lw_live_tiles *tiles, struct taking *t, uint32_t 
     for (uint32_t left = tiles->ring_count; left; left--) {
         const lw_tile_id tile = tiles->ring[tiles->ring_first];
         const bool is_wanted = level == LW_LIVE_NONE || tiles->map->place[tile.v].level == level;
-        if (is_wanted && tiles->state[tile.v] & DIRTY && !take(tiles, t, tile)) return;
+        if (is_wanted && tiles->state[tile.v] & DIRTY && !add_rectangle(tiles, t, tile)) return;
         tiles->ring_first = (tiles->ring_first + 1) % tiles->map->tile_count;
         if (!is_wanted && tiles->state[tile.v] & DIRTY) {
             tiles->ring[(tiles->ring_first + tiles->ring_count - 1) % tiles->map->tile_count] = tile;

@@ -334,7 +334,7 @@ static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
 
 /* Replaces the wanted tiles. The time until all are there counts from the request, or from one before it that
  * was not met. */
-static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
+static void replace_wanted(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
     const uint32_t words = s->shared->scene->map.tile_count / 64 + 1;
     bool had_all = s->has_view && s->missing == 0;
     for (uint32_t i = 0; i < words; i++) s->fresh[i] |= ~s->wanted[i];
@@ -350,7 +350,7 @@ static void want(struct lw_load_session *s, uint32_t count, uint64_t now_ns) {
 }
 
 /* Looks around, and says so if that shows other tiles than before. */
-static void look(struct lw_load_session *s, uint64_t now_ns) {
+static void update_view(struct lw_load_session *s, uint64_t now_ns) {
     struct lw_load_shared *shared = s->shared;
     const struct lw_atlas_map *map = &shared->scene->map;
     struct lw_viewer_model_eye eye = eye_of(s, now_ns);
@@ -366,7 +366,7 @@ static void look(struct lw_load_session *s, uint64_t now_ns) {
         shared->named[i] = (struct lw_message_interest_tile){p->object, p->level,
                                                              lw_atlas_map_number(map, shared->chosen[i])};
     }
-    want(s, count, now_ns);
+    replace_wanted(s, count, now_ns);
     send_message(
         s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                 .interest = {.stand_ins = true, .tile = shared->named, .tile_count = count}});
@@ -389,7 +389,7 @@ static void begin_run(struct lw_load_shared *shared, uint64_t run, uint64_t now_
     shared->run_began_ns = now_ns;
 }
 
-static void tell_held(struct lw_load_session *s) {
+static void send_held(struct lw_load_session *s) {
     const struct lw_atlas_map *map = &s->shared->scene->map;
     struct lw_message_held held[LW_MESSAGE_HOLDS_MAX];
     size_t count = 0;
@@ -411,7 +411,7 @@ static void take_up(struct lw_load_session *s, const struct lw_message_welcome *
     if (!welcome->run || s->run != welcome->run) memset(s->known, 0, tiles * sizeof *s->known);
     s->missing = 0;
     for (uint32_t t = 0; t < tiles; t++) s->missing += s->known[t] == 0;
-    if (welcome->features & LW_FEATURE_RESUME) tell_held(s);
+    if (welcome->features & LW_FEATURE_RESUME) send_held(s);
 }
 
 static void handle_welcome(struct lw_load_session *s, const struct lw_message_welcome *welcome,
@@ -443,7 +443,7 @@ static void handle_welcome(struct lw_load_session *s, const struct lw_message_we
     if (s->returns) take_up(s, welcome);
     s->run = welcome->run;
     if (s->counts) lw_histogram_add(&f->connect, now_ns - s->began_ns);
-    if (s->wanted) look(s, now_ns);
+    if (s->wanted) update_view(s, now_ns);
     s->package_received = s->shared->options->download ? 0 : scene->compressed_size;
     send_message(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST,
                                          .package_request.offset = s->package_received});
@@ -674,7 +674,7 @@ static void acknowledge(struct lw_load_session *s) {
 
 /* ---- TLS ---- */
 
-static void greet(struct lw_load_session *s) {
+static void send_hello(struct lw_load_session *s) {
     s->state = GREETING;
     s->heard_ns = lw_clock_ns();
     const struct lw_access *access = &s->shared->options->access;
@@ -713,7 +713,7 @@ static void receive_by_tls(struct lw_load_session *s, const uint8_t *data, size_
     if (status != LW_OK)
         fail_tls(s, &cause);
     else if (s->state == CONNECTING && lw_tls_stream_is_ready(s->tls))
-        greet(s);
+        send_hello(s);
 }
 
 static void on_read(uv_stream_t *stream, ssize_t size, const uv_buf_t *buffer) {
@@ -757,7 +757,7 @@ static void on_connected(uv_connect_t *request, int result) {
     if (s->tls)
         receive_by_tls(s, NULL, 0, lw_clock_ns()); /* a client speaks first */
     else
-        greet(s);
+        send_hello(s);
 }
 
 /* The kernel's buffers would read a few megabytes for someone who reads slowly. */
@@ -898,7 +898,7 @@ void lw_load_session_tick(struct lw_load_session *s, uint64_t now_ns) {
     if (s->reader == LW_LOAD_FAST && now_ns > s->heard_ns + LW_LOAD_SILENCE_S * SECOND_NS)
         fail(s, LW_LOAD_FAULT_SILENCE, "frame %llu was the last", (unsigned long long)s->frame);
     if (now_ns >= s->pinged_ns + LW_LOAD_PING_S * SECOND_NS) ping(s, now_ns);
-    if (s->wanted && s->state == STREAMING && now_ns >= s->looked_ns + LOOK_NS) look(s, now_ns);
+    if (s->wanted && s->state == STREAMING && now_ns >= s->looked_ns + LOOK_NS) update_view(s, now_ns);
     if (s->state == STREAMING) end_second(s, now_ns);
 }
 

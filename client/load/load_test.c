@@ -118,7 +118,7 @@ static void end_measuring(struct load_test *s, uint64_t now_ns) {
     if (getrusage(RUSAGE_SELF, &usage) == 0) r->own_memory_bytes = (uint64_t)usage.ru_maxrss * 1024;
 }
 
-static void finish(struct load_test *s, enum lw_load_end end) {
+static void end_test(struct load_test *s, enum lw_load_end end) {
     if (s->over) return;
     s->over = true;
     s->report->end = end;
@@ -128,7 +128,7 @@ static void finish(struct load_test *s, enum lw_load_end end) {
 
 /* ---- who comes and goes ---- */
 
-static void join(struct load_test *s, enum lw_load_reader reader) {
+static void start_session(struct load_test *s, enum lw_load_reader reader) {
     /* a session that cannot start is counted; the run goes on without it */
     (void)!lw_load_session_start(&s->shared, ++s->number, reader);
 }
@@ -142,7 +142,8 @@ static enum lw_load_reader reader_of(const struct lw_load_options *o, uint32_t u
 
 static void ramp(struct load_test *s, double elapsed_s) {
     double due = s->options->ramp_hz * elapsed_s + 1;
-    while (s->begun < s->options->users && (double)s->begun < due) join(s, reader_of(s->options, s->begun++));
+    while (s->begun < s->options->users && (double)s->begun < due)
+        start_session(s, reader_of(s->options, s->begun++));
 }
 
 static struct lw_load_session *pick_user(struct load_test *s) {
@@ -157,7 +158,7 @@ static void churn(struct load_test *s, double measured_s) {
         struct lw_load_session *user = pick_user(s);
         enum lw_load_reader reader = lw_load_session_reader(user);
         lw_load_session_leave(user, s->churned % 2 == 0);
-        join(s, reader);
+        start_session(s, reader);
     }
 }
 
@@ -180,19 +181,19 @@ static void on_tick(uv_timer_t *timer) {
     s->ticked_ns = now_ns;
     ramp(s, 1e-9 * (double)(now_ns - s->began_ns));
     if (s->shared.other_scene) {
-        finish(s, LW_LOAD_END_OTHER_SCENE);
+        end_test(s, LW_LOAD_END_OTHER_SCENE);
         return;
     }
     bool all_begun = s->begun == s->options->users;
     if (all_begun && !f->measuring) begin_measuring(s, now_ns);
     if (s->shared.live_count == 0 && !s->shared.returning && (all_begun || f->lost)) {
-        finish(s, f->lost || f->refused ? LW_LOAD_END_SERVER_GONE : LW_LOAD_END_NOBODY_LEFT);
+        end_test(s, f->lost || f->refused ? LW_LOAD_END_SERVER_GONE : LW_LOAD_END_NOBODY_LEFT);
         return;
     }
     if (!f->measuring) return;
     double measured_s = 1e-9 * (double)(now_ns - s->from.at_ns);
     if (measured_s >= s->options->seconds)
-        finish(s, LW_LOAD_END_TIME);
+        end_test(s, LW_LOAD_END_TIME);
     else
         churn(s, measured_s);
 }
@@ -232,7 +233,7 @@ static void on_signal(uv_signal_t *handle, int number) {
     /* without a watcher the next signal has its default effect: a second Ctrl-C ends the program at once */
     uv_signal_stop(&s->interrupt);
     uv_signal_stop(&s->terminate);
-    finish(s, LW_LOAD_END_INTERRUPTED);
+    end_test(s, LW_LOAD_END_INTERRUPTED);
 }
 
 /* ---- the whole run ---- */

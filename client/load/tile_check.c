@@ -111,8 +111,9 @@ static struct seen *find_slot(struct seen slot[LW_TILE_CHECK_VERSIONS], uint64_t
 }
 
 /* Decodes a tile as a client does, and compares it with what others made of that version. */
-static enum lw_status follow(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
-                             struct lw_tile_held *held, bool *out_decodes, bool *out_agrees) {
+static enum lw_status decode_and_compare(struct lw_tile_check *check, const struct lw_message_tile *t,
+                                         lw_tile_id id, struct lw_tile_held *held, bool *out_decodes,
+                                         bool *out_agrees) {
     const struct lw_tile_place *p = &check->map->place[id.v];
     struct lw_tile_dct_coefficients **coefficients = &held->coefficients[id.v];
     enum lw_status status = LW_BAD_DATA;
@@ -140,8 +141,8 @@ static enum lw_status follow(struct lw_tile_check *check, const struct lw_messag
 }
 
 /* Decodes the tile unless its bytes were decoded before. */
-static enum lw_status judge(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
-                            struct lw_tile_held *held, enum lw_tile_verdict *out_verdict) {
+static enum lw_status check_tile(struct lw_tile_check *check, const struct lw_message_tile *t, lw_tile_id id,
+                                 struct lw_tile_held *held, enum lw_tile_verdict *out_verdict) {
     struct seen now = {
         .version = t->version, .base = t->base, .scale = t->scale, .error = t->error, .bounces = t->bounces};
     lw_package_hash(t->payload, t->payload_size, &now.hash);
@@ -150,7 +151,7 @@ static enum lw_status judge(struct lw_tile_check *check, const struct lw_message
          agrees = true;
     enum lw_status status = LW_OK;
     if (held)
-        status = follow(check, t, id, held, &decodes, &agrees);
+        status = decode_and_compare(check, t, id, held, &decodes, &agrees);
     else if (!remembered || check->always)
         status = decode(check, t, id, &decodes);
     if (status != LW_OK) return status;
@@ -175,7 +176,7 @@ enum lw_status lw_tile_check_take(struct lw_tile_check *check, const struct lw_m
         else if (!lw_tile_codec_is_known(t->codec) || (t->base && t->base != f.before))
             f.verdict = LW_TILE_DAMAGED;
         else
-            status = judge(check, t, f.id, held, &f.verdict);
+            status = check_tile(check, t, f.id, held, &f.verdict);
     }
     if (status != LW_OK) return status;
     if (f.verdict == LW_TILE_GOOD) known[f.id.v] = t->version;

@@ -40,8 +40,8 @@ static struct lw_camera_view camera_of_view(const void *context, uint32_t user, 
 }
 
 /* Errors of the pictures of one run. */
-static enum lw_status judge(struct clock *c, const struct lw_renderer_desc *side,
-                            const struct lw_real_run *run, struct lw_error *err) {
+static enum lw_status measure_errors(struct clock *c, const struct lw_renderer_desc *side,
+                                     const struct lw_real_run *run, struct lw_error *err) {
     const struct lw_measure_options *o = c->row->base.options;
     const uint32_t samples = o->reference_samples < SAMPLES_MAX ? o->reference_samples : SAMPLES_MAX;
     enum lw_status status = LW_OK;
@@ -91,7 +91,7 @@ static enum lw_status measure_view(struct clock *c, uint32_t view, struct lw_err
     c->sum.views_hz += run.views_hz;
     c->sum.light_age_s += run.light_age_s;
     c->runs++;
-    status = judge(c, &side, &run, err);
+    status = measure_errors(c, &side, &run, err);
     lw_real_run_finish(&run);
     return status;
 }

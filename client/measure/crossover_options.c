@@ -10,6 +10,18 @@
 #define HEIGHT_MIN 32u
 #define PATHS_MAX  256u
 
+/* Defaults, of values and of their help. */
+#define SIZE              "640x360"
+#define OPPONENTS         "svgf,svgf-quarter"
+#define PATHS             "1"
+#define DENSITIES         "0.25,0.5,1,2"
+#define ALONE             3
+#define WARM_S            2
+#define SECONDS           0.4
+#define REPEATS           2
+#define REFERENCE_SAMPLES 128
+#define TEXT              LW_MEASURE_OPTIONS_TEXT
+
 /* Copies the next word of a list apart by commas and moves *text behind it; false: none is left. A word that
  * does not fit is cut, which makes it none that is known. */
 static bool next_word(const char **text, char *out, size_t size) {
@@ -41,92 +53,77 @@ static enum lw_status parse_opponents(const char *text, struct lw_crossover_opti
     return LW_OK;
 }
 
-static enum lw_status parse_paths(const char *text, struct lw_crossover_options *o, struct lw_error *err) {
-    static const struct lw_measure_options_list list = {.option = "--paths",
-                                                        .example = "counts such as 1,2,4",
-                                                        .min = 1,
-                                                        .max = PATHS_MAX,
-                                                        .whole = true,
-                                                        .count_max = LW_CROSSOVER_PATHS_MAX};
-    double value[LW_CROSSOVER_PATHS_MAX];
-    enum lw_status status = lw_measure_options_read_list(&list, text, value, &o->paths_count, err);
-    for (uint32_t i = 0; status == LW_OK && i < o->paths_count; i++) o->paths[i] = (uint32_t)value[i];
-    return status;
-}
-
-static enum lw_status parse_densities(const char *text, struct lw_crossover_options *o,
-                                      struct lw_error *err) {
-    static const struct lw_measure_options_list list = {.option = "--densities",
-                                                        .example = "numbers such as 0.5,1,2",
-                                                        .min = LW_MEASURE_OPTIONS_DENSITY_MIN,
-                                                        .max = LW_MEASURE_OPTIONS_DENSITY_MAX,
-                                                        .grows = true,
-                                                        .count_max = LW_CROSSOVER_DENSITIES_MAX};
-    return lw_measure_options_read_list(&list, text, o->density, &o->density_count, err);
-}
+static const struct lw_measure_options_list paths_list = {
+    .option = "--paths", .min = 1, .max = PATHS_MAX, .count_max = LW_CROSSOVER_PATHS_MAX};
+static const struct lw_measure_options_list densities_list = {.option = "--densities",
+                                                              .min = LW_MEASURE_OPTIONS_DENSITY_MIN,
+                                                              .max = LW_MEASURE_OPTIONS_DENSITY_MAX,
+                                                              .grows = true,
+                                                              .count_max = LW_CROSSOVER_DENSITIES_MAX};
 
 enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_crossover_options *out_options,
                                           bool *out_done, struct lw_error *err) {
-    struct lw_crossover_options o = {.warm_s = 2, .minutes_max = (double)INFINITY};
+    struct lw_crossover_options o = {.warm_s = WARM_S, .minutes_max = (double)INFINITY};
     struct lw_measure_options_raw raw = {
-        .options = {.scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .seconds = 0.4},
+        .options = {.scene = {.sun_angle_deg = LW_SCENE_OPEN_SUN_DIAMETER_DEG}, .seconds = SECONDS},
         .motion = LW_SCENE_MOTION_LAMP_WALK,
-        .size = "640x360",
-        .bounces = 2,
-        .seed = 1,
-        .repeats = 2,
-        .reference_samples = 128};
-    const char *scene[1] = {NULL}, *opponents = "svgf,svgf-quarter", *paths = "1",
-               *densities = "0.25,0.5,1,2";
+        .size = SIZE,
+        .bounces = LW_MEASURE_OPTIONS_BOUNCES,
+        .seed = LW_MEASURE_OPTIONS_SEED,
+        .repeats = REPEATS,
+        .reference_samples = REFERENCE_SAMPLES};
+    const char *scene[1] = {NULL}, *opponents = OPPONENTS, *paths = PATHS, *densities = DENSITIES;
     int direct = 0, renderer = 0;
-    int64_t alone = 3;
+    int64_t alone = ALONE;
     const struct lw_option table[] = {
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &raw.motion,
          0, 0, NULL},
         {"opponents", "LIST",
-         "what each user would run instead, apart by commas: raw, lights, reprojected, svgf, svgf-quarter, "
-         "vpl (default svgf,svgf-quarter)",
+         "what each user would run instead, apart by commas: "
+         "raw, lights, reprojected, svgf, svgf-quarter, vpl (default " OPPONENTS ")",
          LW_OPTION_STRING, &opponents, 0, 0, NULL},
         {"paths", "LIST",
-         "paths per pixel and frame of opponents that do not filter (default 1); those that do have one",
+         "paths per pixel and frame of opponents that do not filter (default " PATHS "); "
+         "those that do have one",
          LW_OPTION_STRING, &paths, 0, 0, NULL},
         {"densities", "LIST",
-         "densities of the cache's lightmaps, times the scene's default, growing (default 0.25,0.5,1,2)",
+         "densities of the cache's lightmaps, times the scene's default, growing (default " DENSITIES ")",
          LW_OPTION_STRING, &densities, 0, 0, NULL},
         {"direct", "pixels|tiles|both",
-         "the cache's users draw the direct light of sun and lamps at their pixels (default), or tiles hold "
-         "all light; or both are measured",
+         "the cache's users draw the direct light of sun and lamps at their pixels (default), "
+         "or tiles hold all light; or both are measured",
          LW_OPTION_CHOICE, &direct, 0, 0, NULL},
         {"renderer", "cpu|gl|both",
-         "the cache's users draw by rays (default), or by OpenGL, which counts what the CPU spends on it; or "
-         "both are measured",
+         "the cache's users draw by rays (default), or by OpenGL, which counts what the CPU spends on it; "
+         "or both are measured",
          LW_OPTION_CHOICE, &renderer, 0, 0, NULL},
-        {"alone", "N", "views of each repeat that one user sees alone, for r(1) (default 3)", LW_OPTION_INT,
-         &alone, 1, LW_MEASURE_VIEWS, NULL},
-        {"warm", "S", "scene time before the frames that are judged (default 2)", LW_OPTION_REAL, &o.warm_s,
-         1, 600, NULL},
-        {"seconds", "S", "scene time over which cost is measured (default 0.4)", LW_OPTION_REAL,
+        {"alone", "N", "views of each repeat that one user sees alone, for r(1) (default " TEXT(ALONE) ")",
+         LW_OPTION_INT, &alone, 1, LW_MEASURE_VIEWS, NULL},
+        {"warm", "S", "scene time before the frames that are judged (default " TEXT(WARM_S) ")",
+         LW_OPTION_REAL, &o.warm_s, 1, 600, NULL},
+        {"seconds", "S", "scene time over which cost is measured (default " TEXT(SECONDS) ")", LW_OPTION_REAL,
          &raw.options.seconds, 0.1, 1, NULL},
         {"minutes", "M", "begin nothing more after so long; what is missing is measured the next time",
          LW_OPTION_REAL, &o.minutes_max, 0.01, 1e6, NULL},
         {"real-clock", NULL,
-         "measure also by the wall clock, each side at the rate that it attains: on an idle machine, some "
-         "seconds a view",
+         "measure also by the wall clock, each side at the rate that it attains: "
+         "on an idle machine, some seconds a view",
          LW_OPTION_FLAG, &o.real_clock, 0, 0, NULL},
         {"report-only", NULL, "measure nothing: write the report of what DIR holds", LW_OPTION_FLAG,
          &o.report_only, 0, 0, NULL},
         {"o", "DIR",
          "folder of the tables, the references and the report; what it holds is not measured again",
          LW_OPTION_STRING, &raw.options.folder, 0, 0, NULL},
-        LW_MEASURE_OPTIONS(&raw, "640x360", "measurements, each with other random numbers (default 2)",
-                           "paths per pixel of the references (default 128)", 8),
+        LW_MEASURE_OPTIONS(&raw, SIZE,
+                           "measurements, each with other random numbers (default " TEXT(REPEATS) ")",
+                           "paths per pixel of the references (default " TEXT(REFERENCE_SAMPLES) ")", 8),
     };
     const struct lw_options options = {
         .program = "lightwell-load crossover",
         .synopsis = "SCENE -o DIR [OPTIONS]",
-        .about =
-            "Compares one shared lightwelld with what users would run instead, from twelve fixed views of "
-            "a scene: error in several measures, and all cost. Says r(1) and m at the opponents' own error.",
+        .about = "Compares one shared lightwelld with what users would run instead, "
+                 "from twelve fixed views of a scene: error in several measures, and all cost. "
+                 "Says r(1) and m at the opponents' own error.",
         .table = table,
         .count = sizeof table / sizeof table[0],
         .positional = scene,
@@ -144,8 +141,11 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     if (status == LW_OK && !scene[0] && !o.report_only)
         status = lw_status_fail(err, LW_USAGE, "SCENE is missing");
     if (status == LW_OK) status = parse_opponents(opponents, &o, err);
-    if (status == LW_OK) status = parse_paths(paths, &o, err);
-    if (status == LW_OK) status = parse_densities(densities, &o, err);
+    if (status == LW_OK)
+        status = lw_measure_options_read_counts(&paths_list, paths, o.paths, &o.paths_count, err);
+    if (status == LW_OK)
+        status =
+            lw_measure_options_read_numbers(&densities_list, densities, o.density, &o.density_count, err);
     if (status == LW_OK) *out_options = o;
     return status;
 }

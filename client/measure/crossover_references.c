@@ -156,8 +156,8 @@ static enum lw_status go_to(struct tracing *tr, uint32_t frame, struct lw_error 
     return status;
 }
 
-static enum lw_status look(struct tracing *tr, const struct wish *w, const struct lw_camera_view *camera,
-                           struct lw_error *err) {
+static enum lw_status find_objects(struct tracing *tr, const struct wish *w,
+                                   const struct lw_camera_view *camera, struct lw_error *err) {
     const uint32_t width = tr->desc->options->width, height = tr->desc->options->height;
     uint32_t *object = malloc((size_t)width * height * sizeof *object), *out = w->out->object;
     enum lw_status status = object ? lw_reference_look(&tr->world, camera, width, height, object, err)
@@ -196,7 +196,7 @@ static enum lw_status trace(struct tracing *tr, const struct wish *w, struct lw_
                 w->out->half[h][from + i] = film.half[h][i] * (2.0f / (float)w->samples);
     }
     lw_path_film_finish(&film);
-    return status == LW_OK ? look(tr, w, &camera, err) : status;
+    return status == LW_OK ? find_objects(tr, w, &camera, err) : status;
 }
 
 static enum lw_status get(struct tracing *tr, const struct wish *w, struct lw_error *err) {

@@ -93,7 +93,8 @@ static void add_lag(struct lw_crossover_job *j, uint32_t view) {
 }
 
 /* Compares a whole picture with its reference. */
-static enum lw_status judge(struct lw_crossover_job *j, uint32_t index, uint32_t view, struct lw_error *err) {
+static enum lw_status compare_picture(struct lw_crossover_job *j, uint32_t index, uint32_t view,
+                                      struct lw_error *err) {
     const struct lw_crossover_references *t = &j->row->references;
     const struct lw_view_error_desc desc = error_desc(t);
     struct lw_view_error_sum sum;
@@ -243,7 +244,7 @@ static enum lw_status follow_view(struct lw_crossover_job *j, uint32_t view, str
         status = step(j, frame, &view, 1, counts ? &spent : NULL, err);
         lw_progress_step(progress, 1);
         if (status == LW_OK && (index >= 0 || frame > last)) ops->picture(j->renderer, 0, j->rgb);
-        if (status == LW_OK && index >= 0) status = judge(j, (uint32_t)index, view, err);
+        if (status == LW_OK && index >= 0) status = compare_picture(j, (uint32_t)index, view, err);
         if (status == LW_OK && frame > last) status = add_to_clip(j, err);
     }
     if (status != LW_OK) return status;
@@ -313,7 +314,7 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
         status = step(j, frame, shown, count, frame >= j->row->window ? spent : NULL, err);
         for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_MEASURE_VIEWS; v++) {
             j->renderer->ops->picture(j->renderer, v, j->rgb);
-            status = judge(j, (uint32_t)index, v, err);
+            status = compare_picture(j, (uint32_t)index, v, err);
         }
         lw_progress_step(&progress, 1);
     }
@@ -349,7 +350,7 @@ static enum lw_status serve_alone(struct lw_crossover_job *j, uint32_t *frame, s
     return status;
 }
 
-static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
+static enum lw_status run_renderer(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_renderer_ops *ops = j->renderer->ops;
     const uint64_t began_ns = lw_clock_ns();
     struct spent spent = {0};
@@ -389,7 +390,7 @@ static enum lw_status serve(struct lw_crossover_job *j, struct lw_error *err) {
 static enum lw_status measure_cache(struct lw_crossover_job *j, struct lw_error *err) {
     const struct lw_renderer_desc side = lw_crossover_row_side(j->row);
     enum lw_status status = lw_cache_renderer_create(&side, &j->renderer, err);
-    return status == LW_OK ? serve(j, err) : status;
+    return status == LW_OK ? run_renderer(j, err) : status;
 }
 
 /* ---- the whole ---- */
@@ -409,7 +410,7 @@ static enum lw_status prepare(struct lw_crossover_job *j, struct lw_error *err) 
     return LW_OK;
 }
 
-static void finish(struct lw_crossover_job *j) {
+static void free_job(struct lw_crossover_job *j) {
     if (j->renderer) j->renderer->ops->destroy(j->renderer);
     for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) free(j->crops[v]);
     for (uint32_t i = 0; i < j->clip_count; i++) free(j->clip[i]);
@@ -437,6 +438,6 @@ enum lw_status lw_crossover_unit_measure(struct lw_crossover_row *row, const str
                plan->unit.repeat + 1, plan->unit.renderer, plan->unit.setting, error,
                lw_measure_store_total(all), all->users, all->users > 1 ? "s" : "");
     }
-    finish(&job);
+    free_job(&job);
     return status;
 }

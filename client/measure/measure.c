@@ -26,7 +26,7 @@ static void on_signal(int number) {
 }
 
 /* Before anything is measured. Writes the command line for reports, arguments with blanks in quotes. */
-static void begin(int argc, char **argv, char command[COMMAND_SIZE]) {
+static void prepare(int argc, char **argv, char command[COMMAND_SIZE]) {
     lw_wait_passively(argv - 1); /* the program's own name: see measure.h */
     size_t length = (size_t)snprintf(command, COMMAND_SIZE, "lightwell-load");
     for (int i = 0; i < argc && length < COMMAND_SIZE; i++) {
@@ -83,7 +83,7 @@ int lw_measure_crossover(int argc, char **argv) {
     if (status == LW_OK && !done && options.report_only) {
         status = report_only(options.base.folder, &err);
     } else if (status == LW_OK && !done) {
-        begin(argc, argv, command);
+        prepare(argc, argv, command);
         status = run_crossover(&options, command, &err);
     }
     if (signalled) {
@@ -116,7 +116,7 @@ int lw_measure_scaling(int argc, char **argv) {
     bool done = false;
     enum lw_status status = lw_scaling_options_parse(argc, argv, &options, &done, &err);
     if (status == LW_OK && !done) {
-        begin(argc, argv, command);
+        prepare(argc, argv, command);
         status = run_scaling(&options, command, &err);
     }
     return status == LW_OK ? 0 : lw_log_failure(&err);

@@ -36,28 +36,45 @@ enum lw_status lw_measure_options_finish(const struct lw_measure_options_raw *ra
     return status;
 }
 
-enum lw_status lw_measure_options_read_list(const struct lw_measure_options_list *list, const char *text,
-                                            double *out_value, uint32_t *out_count, struct lw_error *err) {
+/* Exactly one of the outputs is there: counts, which are whole, or numbers. */
+static enum lw_status read_list(const struct lw_measure_options_list *list, const char *text,
+                                uint32_t *out_whole, double *out_any, uint32_t *out_count,
+                                struct lw_error *err) {
+    double last = 0;
     uint32_t count = 0;
     for (const char *at = text;; at++) {
         char *end;
         const double value = strtod(at, &end);
         /* strtod() takes blanks, hexadecimal digits and names, too */
-        const size_t length = strspn(at, list->whole ? "0123456789" : "0123456789.e-");
+        const size_t length = strspn(at, out_whole ? "0123456789" : "0123456789.e-");
         if (!length || end != at + length || (*end && *end != ','))
             return lw_status_fail(err, LW_USAGE, "%s: \"%s\" is no list of %s", list->option, text,
-                                  list->example);
+                                  out_whole ? "counts such as 1,2,4" : "numbers such as 0.5,1,2");
         if (!(value >= list->min && value <= list->max))
             return lw_status_fail(err, LW_USAGE, "%s: %.*s is not within %g..%g", list->option,
                                   (int)(end - at), at, list->min, list->max);
-        if (list->grows && count && value <= out_value[count - 1])
+        if (list->grows && count && value <= last)
             return lw_status_fail(err, LW_USAGE, "%s: the numbers must grow", list->option);
         if (count == list->count_max)
             return lw_status_fail(err, LW_USAGE, "%s: over %u numbers", list->option, list->count_max);
-        out_value[count++] = value;
+        if (out_whole) out_whole[count] = (uint32_t)value;
+        if (out_any) out_any[count] = value;
+        last = value;
+        count++;
         at = end;
         if (!*at) break;
     }
     *out_count = count;
     return LW_OK;
+}
+
+enum lw_status lw_measure_options_read_counts(const struct lw_measure_options_list *list, const char *text,
+                                              uint32_t *out_value, uint32_t *out_count,
+                                              struct lw_error *err) {
+    return read_list(list, text, out_value, NULL, out_count, err);
+}
+
+enum lw_status lw_measure_options_read_numbers(const struct lw_measure_options_list *list, const char *text,
+                                               double *out_value, uint32_t *out_count, struct lw_error *err) {
+    return read_list(list, text, NULL, out_value, out_count, err);
 }

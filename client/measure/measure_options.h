@@ -29,6 +29,14 @@ struct lw_measure_options_raw {
     int64_t bounces, seed, repeats, reference_samples;
 };
 
+/** The digits of a macro that is a number: one default for a value and for its help. */
+#define LW_MEASURE_OPTIONS_TEXT(number)   LW_MEASURE_OPTIONS_DIGITS(number)
+#define LW_MEASURE_OPTIONS_DIGITS(number) #number
+
+/* Defaults of both commands. */
+#define LW_MEASURE_OPTIONS_BOUNCES 2
+#define LW_MEASURE_OPTIONS_SEED    1
+
 /** The rows of an option table (common/options.h) that fill `raw`, a pointer to the above. Defaults are
  * literals of the command, for the help. */
 /* clang-format off */
@@ -38,12 +46,14 @@ struct lw_measure_options_raw {
     {"repeats", "N", repeats_help, LW_OPTION_INT, &(raw)->repeats, 1, LW_MEASURE_OPTIONS_REPEATS_MAX, NULL}, \
     {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",     \
      LW_OPTION_STRING, &(raw)->options.solver, 0, 0, NULL},                                                  \
-    {"bounces", "N", "indirect bounces on both sides (default 2)", LW_OPTION_INT, &(raw)->bounces, 0, 16,    \
-     NULL},                                                                                                  \
+    {"bounces", "N",                                                                                         \
+     "indirect bounces on both sides (default " LW_MEASURE_OPTIONS_TEXT(LW_MEASURE_OPTIONS_BOUNCES) ")",     \
+     LW_OPTION_INT, &(raw)->bounces, 0, 16, NULL},                                                           \
     {"reference-samples", "N", reference_help, LW_OPTION_INT, &(raw)->reference_samples, reference_min,      \
      1 << 19, NULL},                                                                                         \
     {"truth-samples", "N", NULL, LW_OPTION_INT, &(raw)->reference_samples, reference_min, 1 << 19, NULL},    \
-    {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &(raw)->seed, 0, UINT32_MAX, NULL},    \
+    {"seed", "N", "of all random numbers (default " LW_MEASURE_OPTIONS_TEXT(LW_MEASURE_OPTIONS_SEED) ")",    \
+     LW_OPTION_INT, &(raw)->seed, 0, UINT32_MAX, NULL},                                                      \
     LW_SCENE_OPEN_OPTIONS(&(raw)->options.scene)
 /* clang-format on */
 
@@ -58,15 +68,18 @@ LW_MUST_CHECK enum lw_status lw_measure_options_finish(const struct lw_measure_o
 
 /** What a list of numbers, apart by commas, may be. */
 struct lw_measure_options_list {
-    const char *option, *example; /* "--users", "counts such as 1,2,4" */
+    const char *option; /* "--users" */
     double min, max;
-    bool whole, grows; /* whole numbers; each more than the one before */
+    bool grows; /* each number is more than the one before */
     uint32_t count_max;
 };
 
-/** Reads one number at least. Errors: LW_USAGE, naming the option and the number. */
-LW_MUST_CHECK enum lw_status lw_measure_options_read_list(const struct lw_measure_options_list *list,
-                                                          const char *text, double *out_value,
-                                                          uint32_t *out_count, struct lw_error *err);
+/** Read one number at least: whole ones, or any. Errors: LW_USAGE, naming the option and the number. */
+LW_MUST_CHECK enum lw_status lw_measure_options_read_counts(const struct lw_measure_options_list *list,
+                                                            const char *text, uint32_t *out_value,
+                                                            uint32_t *out_count, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_measure_options_read_numbers(const struct lw_measure_options_list *list,
+                                                             const char *text, double *out_value,
+                                                             uint32_t *out_count, struct lw_error *err);
 
 #endif

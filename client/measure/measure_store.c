@@ -232,7 +232,7 @@ static bool read_unit(char *const *field, struct lw_measure_unit *out) {
 }
 
 /* Room for one more in an array. */
-static void *grow(void *array, size_t count, size_t size) {
+static void *grown_array(void *array, size_t count, size_t size) {
     if (count & (count - 1)) return array; /* doubled at powers of two */
     return realloc(array, (count ? 2 * count : 1) * size);
 }
@@ -241,7 +241,7 @@ static void *grow(void *array, size_t count, size_t size) {
     (grow_into((void **)&(array), (count), sizeof *(array)) && ((array)[(count)++] = (value), true))
 
 static bool grow_into(void **array, size_t count, size_t size) {
-    void *grown = grow(*array, count, size);
+    void *grown = grown_array(*array, count, size);
     if (grown) *array = grown;
     return grown != NULL;
 }

@@ -93,7 +93,7 @@ static bool shows(const struct judge *j, const struct lw_hit16 *hits, unsigned l
 }
 
 /* What a hit belongs to: the part of its object's surface that faces one of 26 directions. */
-static uint32_t part_of(const struct judge *j, uint32_t object, uint32_t triangle) {
+static uint32_t surface_part(const struct judge *j, uint32_t object, uint32_t triangle) {
     const struct lw_mesh *mesh = &j->scene->mesh[j->scene->object[object].mesh];
     const uint32_t *vertex = mesh->triangle[triangle];
     const struct lw_vec3 *p = mesh->position;
@@ -107,7 +107,8 @@ static float luminance(const float *rgb) { return 0.2126f * rgb[0] + 0.7152f * r
 
 /* Finds the pixels that show something, in order of their parts. out_used: pixels that do, or look into the
  * box. */
-static uint32_t look(const struct judge *j, const struct candidate *c, struct seen *out, uint32_t *out_used) {
+static uint32_t find_seen(const struct judge *j, const struct candidate *c, struct seen *out,
+                          uint32_t *out_used) {
     const struct lw_camera_plane plane = lw_camera_plane(&c->view, j->width, j->height);
     const uint32_t count = j->width * j->height;
     const float near_m = NEAR * lw_vec3_length(lw_vec3_sub(c->box->high, c->box->low));
@@ -126,7 +127,7 @@ static uint32_t look(const struct judge *j, const struct candidate *c, struct se
             bool shown = shows(j, &hits, i);
             used += shown || meets_box(c->box, c->view.position, dir[i]);
             if (!shown) continue;
-            out[seen_count++] = (struct seen){.part = part_of(j, hits.object[i], hits.triangle[i]),
+            out[seen_count++] = (struct seen){.part = surface_part(j, hits.object[i], hits.triangle[i]),
                                               .pixel = first + i,
                                               .weight = hits.t[i] / (hits.t[i] + near_m)};
         }
@@ -139,7 +140,7 @@ static uint32_t look(const struct judge *j, const struct candidate *c, struct se
 /* The merit of a candidate's picture. Without light everything counts as lit: no light makes it more. */
 static float merit_of(struct judge *j, const struct candidate *c, bool light) {
     struct seen seen[PIXELS];
-    uint32_t used, count = look(j, c, seen, &used);
+    uint32_t used, count = find_seen(j, c, seen, &used);
     if (count == 0) return 0;
     float dim = 0;
     if (light) {

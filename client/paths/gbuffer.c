@@ -71,7 +71,8 @@ static bool is_same_light(const struct lw_light_state *a, const struct lw_light_
 }
 
 /* Compares with the render before and remembers this one. */
-static void begin(struct lw_gbuffer *g, const struct lw_pose *pose, const struct lw_camera_view *camera) {
+static void compare_with_last(struct lw_gbuffer *g, const struct lw_pose *pose,
+                              const struct lw_camera_view *camera) {
     bool still = g->started && memcmp(camera, &g->camera, sizeof *camera) == 0;
     for (uint32_t o = 0; o < g->scene->object_count; o++) {
         struct lw_gbuffer_place *place = &g->place[o];
@@ -131,9 +132,10 @@ static const struct lw_mesh *mesh_of(const struct lw_gbuffer *g, uint32_t object
  * the inverse of depth is linear in the pixel. A point off by D in that inverse is d D z off the plane; a
  * pixel there is z `pixel` wide. In an orthographic view depth itself is linear in the pixel; the slope of
  * its inverse is that at the pixel. */
-static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_ray16 *rays,
-                 const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface,
-                 const struct lw_place_point *point, struct lw_vec3 normal, struct pixel *pixel) {
+static void write_pixel(const struct lw_gbuffer *g, const struct lw_camera_plane *plane,
+                        const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i,
+                        const struct lw_surface *surface, const struct lw_place_point *point,
+                        struct lw_vec3 normal, struct pixel *pixel) {
     const struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]),
                          origin = lw_vec3(rays->org_x[i], rays->org_y[i], rays->org_z[i]);
     const struct lw_gbuffer_place *place = &g->place[hits->object[i]];
@@ -153,8 +155,9 @@ static void take(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
 }
 
 /* Takes in one hit; true if the ray goes on behind it. */
-static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane, const struct lw_ray16 *rays,
-                 const struct lw_hit16 *hits, unsigned i, bool last, struct pixel *pixel) {
+static bool shade_hit(const struct lw_gbuffer *g, const struct lw_camera_plane *plane,
+                      const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i, bool last,
+                      struct pixel *pixel) {
     struct lw_vec3 direction = lw_vec3(rays->dir_x[i], rays->dir_y[i], rays->dir_z[i]);
     if (hits->object[i] == LW_TRACE_MISS) {
         struct lw_vec3 sky = lw_scene_sky(g->scene, lw_vec3_normalize(direction));
@@ -181,7 +184,7 @@ static bool meet(const struct lw_gbuffer *g, const struct lw_camera_plane *plane
     const float weight = share * (albedo.x + albedo.y + albedo.z);
     if (weight > pixel->weight) {
         pixel->weight = weight;
-        take(g, plane, rays, hits, i, &surface, &point, normal, pixel);
+        write_pixel(g, plane, rays, hits, i, &surface, &point, normal, pixel);
     }
     pixel->transmittance -= share;
     pixel->tint = lw_material_tint(surface.material, pixel->tint);
@@ -208,7 +211,7 @@ static void render_square(const struct lw_gbuffer *g, const struct lw_camera_pla
         uint16_t go_on = 0;
         lw_trace_closest16(g->trace, LW_TRACE_VIEW | LW_TRACE_COHERENT, going, &rays, &hits);
         for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
-            if (!(going >> i & 1u) || !meet(g, plane, &rays, &hits, i, layer == LAYERS_MAX, &pixel[i]))
+            if (!(going >> i & 1u) || !shade_hit(g, plane, &rays, &hits, i, layer == LAYERS_MAX, &pixel[i]))
                 continue;
             /* Past the hit by more than its rounding in any packet. */
             rays.t_near[i] = hits.t[i] * (1.0f + 4e-6f) + 1e-7f;
@@ -222,7 +225,7 @@ static void render_square(const struct lw_gbuffer *g, const struct lw_camera_pla
 
 void lw_gbuffer_render(struct lw_gbuffer *gbuffer, const struct lw_pose *pose,
                        const struct lw_camera_view *camera) {
-    begin(gbuffer, pose, camera);
+    compare_with_last(gbuffer, pose, camera);
     const struct lw_camera_plane plane = lw_camera_plane(camera, gbuffer->width, gbuffer->height);
     const uint32_t columns = (gbuffer->width + TILE - 1) / TILE, rows = (gbuffer->height + TILE - 1) / TILE;
 #pragma omp parallel for schedule(dynamic) num_threads(gbuffer->threads)

@@ -129,8 +129,9 @@ static bool is_black(struct lw_vec3 v) { return !(v.x + v.y + v.z > 0); }
 
 /* Puts path number `which` onto the surface that lane `i` has met, from where it goes on unless all light is
  * swallowed. */
-static void arrive(const struct job *job, struct bundle *b, uint16_t which, const struct lw_ray16 *rays,
-                   const struct lw_hit16 *hits, unsigned i, const struct lw_surface *surface) {
+static void continue_from_hit(const struct job *job, struct bundle *b, uint16_t which,
+                              const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i,
+                              const struct lw_surface *surface) {
     struct path *path = &b->path[which];
     const struct lw_material *material = surface->material;
     path->glossy = false;
@@ -211,7 +212,7 @@ static void look16(const struct job *job, struct bundle *b, uint16_t first, unsi
                 continue;
             }
             path->radiance = lw_vec3_mul(surface.emission, path->throughput);
-            arrive(job, b, (uint16_t)(first + i), &rays, &hits, i, &surface);
+            continue_from_hit(job, b, (uint16_t)(first + i), &rays, &hits, i, &surface);
         }
         going = go_on;
     }
@@ -422,7 +423,7 @@ static bool aim(struct bundle *b, uint16_t which, const struct bounce_draw *draw
 }
 
 /* Tells the guide what a path's ray has found. */
-static void tell(const struct job *job, struct path *path, float luminance) {
+static void note_in_guide(const struct job *job, struct path *path, float luminance) {
     if (path->place == LW_GUIDE_NOWHERE) return;
     lw_guide_note(job->view->guide, path->place, luminance);
     path->place = LW_GUIDE_NOWHERE;
@@ -441,7 +442,7 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
     struct lw_ray16 rays = {.salt = b->salt};
     struct lw_hit16 hits;
     enum lw_path_method method[LANES];
-    uint16_t lane_path[LANES]; /* `which` is what arrive() writes over */
+    uint16_t lane_path[LANES]; /* `which` is what continue_from_hit() writes over */
     float density[LANES];
     uint16_t active = 0;
     for (unsigned i = 0; i < lanes; i++) {
@@ -465,7 +466,7 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
             const uint32_t *material = mesh_of(job, hits.object[i])->material;
             const struct lw_material *m = &scene->material[material[hits.triangle[i]]];
             if (hits.back[i] && !m->double_sided) { /* a black wall */
-                tell(job, path, 0);
+                note_in_guide(job, path, 0);
                 continue;
             }
             if (last && !(m->emission[0] + m->emission[1] + m->emission[2] > 0)) continue;
@@ -480,8 +481,8 @@ static void bounce16(const struct job *job, struct bundle *b, const uint16_t *wh
         if (flags == LW_TRACE_COHERENT && path->glossy) path->near = lw_vec3_add(path->near, brought);
         path->shone = lw_colour_luminance(seen);
         path->reflected = 0;
-        if (!miss && !last) arrive(job, b, lane_path[i], &rays, &hits, i, &surface);
-        if (b->going == going) tell(job, path, path->shone);
+        if (!miss && !last) continue_from_hit(job, b, lane_path[i], &rays, &hits, i, &surface);
+        if (b->going == going) note_in_guide(job, path, path->shone);
     }
 }
 
@@ -494,12 +495,12 @@ static void take_aim(const struct job *job, struct bundle *b) {
 }
 
 /* Tells the guide what brought them there: what shines, what lamps give, and by Q what else arrives. */
-static void tell_all(const struct job *job, struct bundle *b) {
+static void note_all_in_guide(const struct job *job, struct bundle *b) {
     for (unsigned i = 0; i < b->going; i++) {
         struct path *path = &b->path[b->order[i]];
-        tell(job, path,
-             path->shone + path->reflected +
-                 lw_colour_luminance(path->albedo) * lw_guide_reflected(&b->aim[b->order[i]]));
+        note_in_guide(job, path,
+                      path->shone + path->reflected +
+                          lw_colour_luminance(path->albedo) * lw_guide_reflected(&b->aim[b->order[i]]));
     }
 }
 
@@ -568,7 +569,7 @@ static void trace_bundle(const struct job *job, struct bundle *b, unsigned paths
         if (view->guide) take_aim(job, b);
         if (!unlit) light(job, b, depth, by_all, count);
         for (unsigned i = 0; first_hit && i < paths; i++) b->path[i].near = b->path[i].radiance;
-        if (view->guide) tell_all(job, b);
+        if (view->guide) note_all_in_guide(job, b);
         if (last && (!rays_may_shine || !rays_bring_lamps(b, &lit))) break;
         b->going = 0;
         for (unsigned first = 0; first < going; first += LANES)

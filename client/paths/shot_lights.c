@@ -64,11 +64,11 @@ struct flight {
 };
 
 static struct lw_vec3 load(const float v[3]) { return lw_vec3(v[0], v[1], v[2]); }
-static void keep(float out[3], struct lw_vec3 v) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
+static void store(float out[3], struct lw_vec3 v) { out[0] = v.x, out[1] = v.y, out[2] = v.z; }
 
 /* Whether a light sees a place; out_tint: of what lies between. */
-static bool sees(struct flight *f, const struct lw_shot_light *light, struct lw_vec3 direction,
-                 float distance, struct lw_vec3 *out_tint) {
+static bool is_visible(struct flight *f, const struct lw_shot_light *light, struct lw_vec3 direction,
+                       float distance, struct lw_vec3 *out_tint) {
     struct lw_ray16 rays = {.salt = f->lights->salt};
     float tint[3][LW_TRACE_WIDTH];
     lw_trace_set_ray(&rays, 0, load(light->position), direction, distance * LW_TRACE_SHORT);
@@ -91,9 +91,9 @@ static bool sees_lamp(struct flight *f, struct lw_shot_light *light) {
     struct lw_light_sample sample;
     struct lw_vec3 tint, e = e_of(f->lights, light, &sample);
     const float bright = lw_colour_luminance(e), most = GROWTH_MAX * light->bright;
-    if (!(bright > 0) || !sees(f, light, sample.direction, sample.distance_m, &tint)) return false;
+    if (!(bright > 0) || !is_visible(f, light, sample.direction, sample.distance_m, &tint)) return false;
     if (bright > most) e = lw_vec3_scale(e, most / bright);
-    keep(light->e, lw_vec3_mul(e, tint));
+    store(light->e, lw_vec3_mul(e, tint));
     return true;
 }
 
@@ -102,7 +102,7 @@ static bool sees_parent(struct flight *f, const struct lw_shot_light *light) {
     const struct lw_vec3 way = lw_vec3_sub(load(parent->position), load(light->position));
     struct lw_vec3 tint;
     return lw_vec3_dot(way, load(light->normal)) > 0 && lw_vec3_dot(way, load(parent->normal)) < 0 &&
-           sees(f, light, way, 1, &tint);
+           is_visible(f, light, way, 1, &tint);
 }
 
 static bool holds(void *context, uint32_t path, uint32_t bounce) {
@@ -131,9 +131,9 @@ static bool land(struct flight *f, struct lw_vec3 origin, struct lw_vec3 directi
     const float shading = -lw_vec3_dot(point.normal, direction), flat = -lw_vec3_dot(point.face, direction);
     if (!(shading > 0) || !(flat > 0)) return false;
     if (!(surface.albedo.x + surface.albedo.y + surface.albedo.z > 0)) return false;
-    keep(light->position, point.origin);
-    keep(light->normal, point.normal);
-    keep(light->share, lw_vec3_scale(surface.albedo, fminf(shading / flat, SLANT_MAX)));
+    store(light->position, point.origin);
+    store(light->normal, point.normal);
+    store(light->share, lw_vec3_scale(surface.albedo, fminf(shading / flat, SLANT_MAX)));
     light->object = hits.object[0];
     return true;
 }
@@ -160,8 +160,9 @@ static bool shoot_first(struct flight *f, uint32_t path) {
     light->bright = lw_colour_luminance(e);
     if (!(light->bright > 0)) return false;
     light->area_m2 = lw_colour_luminance(ray.flux_w) / ((float)paths->paths * light->bright);
-    if (lw_trace_tints(lights->desc.trace)) (void)sees(f, light, sample.direction, sample.distance_m, &tint);
-    keep(light->e, lw_vec3_mul(e, tint));
+    if (lw_trace_tints(lights->desc.trace))
+        (void)is_visible(f, light, sample.direction, sample.distance_m, &tint);
+    store(light->e, lw_vec3_mul(e, tint));
     return true;
 }
 
@@ -193,7 +194,7 @@ static void charge(struct lw_shot_lights *lights) {
             if (!b) flux = lw_vec3_scale(load(light->e), light->area_m2);
             flux = lw_virtual_paths_is_lit(paths, index) ? lw_vec3_mul(flux, load(light->share))
                                                          : lw_vec3(0, 0, 0);
-            keep(light->flux_w, flux);
+            store(light->flux_w, flux);
         }
     }
 }

@@ -3,10 +3,10 @@
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_view.h"
 #include "client/lib/package_cache.h"
-#include "client/view/antialias.h"
+#include "client/view/compose/antialias.h"
+#include "client/view/compose/stage.h"
 #include "client/view/export.h"
-#include "client/view/settling.h"
-#include "client/view/stage.h"
+#include "client/view/plateau.h"
 #include "common/clock.h"
 #include "common/interrupt.h"
 #include "common/log.h"
@@ -48,8 +48,8 @@ struct headless {
     struct lw_antialias antialias;
     struct lw_gl_offscreen *offscreen; /* NULL: rays draw */
     struct lw_gl_view gl;
-    struct lw_settling settling;
-    bool settled;                       /* things move, and the error that is shown falls no more */
+    struct lw_plateau plateau;
+    bool at_plateau;                    /* things move, and the error that is shown falls no more */
     uint64_t moved_ns;                  /* when something moved last; 0: never */
     double time_s;                      /* the scene's time then */
     struct lw_client_stats stats;       /* as of the picture */
@@ -132,7 +132,7 @@ static enum lw_status receive_scene(struct headless *h, struct lw_error *err) {
     return LW_OK;
 }
 
-static enum lw_status look(struct headless *h, struct lw_error *err) {
+static enum lw_status set_interest(struct headless *h, struct lw_error *err) {
     return lw_stage_look(&h->stage, &h->view.camera, h->view.width, h->view.height, err);
 }
 
@@ -152,7 +152,7 @@ static enum lw_status take_picture(struct headless *h, struct lw_error *err) {
     }
     h->compose_ns = lw_clock_ns() - start_ns;
     lw_client_get_stats(h->client, &h->stats);
-    return look(h, err);
+    return set_interest(h, err);
 }
 
 static enum lw_status start_gl(struct headless *h, struct lw_error *err) {
@@ -202,13 +202,14 @@ static void note_motion(struct headless *h, bool moved) {
 static void note_error(struct headless *h, const struct lw_compose_report *report) {
     if (h->moved_ns == 0 || lw_clock_ns() - h->moved_ns > MOVES_NS ||
         report->max_error >= LW_ATLAS_COARSE_ERROR) {
-        h->settling = (struct lw_settling){0};
-        h->settled = false;
+        h->plateau = (struct lw_plateau){0};
+        h->at_plateau = false;
         return;
     }
     if (h->stats.first_ns != 0 && report->complete)
-        h->settled = lw_settling_note(&h->settling, report->shown_error,
-                                      (double)h->stats.tiles / fmax(1, report->tiles_needed), lw_clock_ns());
+        h->at_plateau =
+            lw_plateau_note(&h->plateau, report->shown_error,
+                            (double)h->stats.tiles / fmax(1, report->tiles_needed), lw_clock_ns());
 }
 
 static bool serves_the_wait(const struct headless *h, const struct lw_compose_report *report) {
@@ -221,7 +222,7 @@ static bool serves_the_wait(const struct headless *h, const struct lw_compose_re
     case LW_VIEW_WAIT_COMPLETE:
         return report->complete;
     case LW_VIEW_WAIT_GOOD:
-        return report->good || (report->complete && h->settled);
+        return report->good || (report->complete && h->at_plateau);
     case LW_VIEW_WAIT_CONVERGED:
         return report->converged;
     case LW_VIEW_WAIT_SECONDS:
@@ -320,7 +321,7 @@ static enum lw_status wait_for_light(struct headless *h, struct lw_error *err) {
         }
         if (status == LW_OK) status = lw_stage_follow(&h->stage, &moved, err);
         if (status == LW_OK) note_motion(h, moved);
-        if (status == LW_OK) status = look(h, err);
+        if (status == LW_OK) status = set_interest(h, err);
         if (status != LW_OK) lw_status_context(err, "waiting for the light");
     }
     h->waited_ns = lw_clock_ns();
@@ -356,20 +357,20 @@ static enum lw_status print_report(const struct headless *h, struct lw_error *er
     printf(" \"bounces\": %u, \"complete\": %s, \"good\": %s, \"settled\": %s, \"converged\": %s, "
            "\"stopped\": %s,\n",
            s->bounces, r->complete ? "true" : "false", r->good ? "true" : "false",
-           h->settled ? "true" : "false", r->converged ? "true" : "false", h->stopped ? "true" : "false");
+           h->at_plateau ? "true" : "false", r->converged ? "true" : "false", h->stopped ? "true" : "false");
     printf(" \"width\": %u, \"height\": %u, \"samples_per_pixel\": %u, \"mean_rgb\": [%.9g, %.9g, %.9g]}\n",
            h->view.width, h->view.height, h->options->samples_per_pixel, mean[0], mean[1], mean[2]);
     if (fflush(stdout) != 0) return lw_status_fail(err, LW_IO, "cannot write the report to stdout");
     return LW_OK;
 }
 
-static void tell(const struct headless *h) {
+static void report(const struct headless *h) {
     const struct lw_compose_report *r = &h->report;
     if (h->stopped && !r->complete)
         lw_log(LW_LOG_WARNING, "stopped: of %u tiles of the picture %u are not there, %u lack bounces",
                r->tiles_needed, r->tiles_missing, r->tiles_unfinished);
     if (h->options->json) return;
-    if (!h->late && h->settled && r->complete && !r->good)
+    if (!h->late && h->at_plateau && r->complete && !r->good)
         lw_log(LW_LOG_INFO,
                "the error that is shown falls no more: it is %.1f %%, above the %.1f %% that is good; "
                "--freeze holds "
@@ -412,7 +413,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     if (status == LW_OK || h.late) {
         enum lw_status shown = lw_export_picture(options, h.rgb, err);
         if (shown == LW_OK && options->json) shown = print_report(&h, err);
-        if (shown == LW_OK) tell(&h);
+        if (shown == LW_OK) report(&h);
         if (!h.late) status = shown;
     }
     *out_stopped = h.stopped;

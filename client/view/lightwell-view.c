@@ -3,7 +3,7 @@
 #include "client/view/own_server.h"
 #include "client/view/path_command.h"
 #include "client/view/view_options.h"
-#include "client/view/window.h"
+#include "client/view/window/window.h"
 #include "common/interrupt.h"
 #include "common/log.h"
 #include "common/wait_policy.h"

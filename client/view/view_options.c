@@ -1,7 +1,7 @@
 #include "client/view/view_options.h"
 
 #include "client/paths/camera_default.h"
-#include "client/view/antialias.h"
+#include "client/view/compose/antialias.h"
 #include "common/options.h"
 
 #include <stdlib.h>

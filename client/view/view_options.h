@@ -6,7 +6,7 @@
 #include "client/camera/camera.h"
 #include "client/lib/access.h"
 #include "client/paths/path_trace.h"
-#include "client/view/show.h"
+#include "client/view/compose/show.h"
 #include "client/view/tonemap.h"
 #include "common/open/scene_open.h"
 #include "common/status.h"
@@ -19,7 +19,7 @@
 enum lw_view_wait {
     LW_VIEW_WAIT_FIRST,     /* every object's coarsest light is there */
     LW_VIEW_WAIT_COMPLETE,  /* every tile that the view needs is there with all bounces */
-    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (lw_settling) */
+    LW_VIEW_WAIT_GOOD,      /* and little of their error is to be seen, or it falls no more (lw_plateau) */
     LW_VIEW_WAIT_CONVERGED, /* and all of their errors are below the server's target */
     LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
 };

@@ -171,19 +171,19 @@ static void fitted(struct lw_builtin_mesh *mesh, uint32_t material) {
     lw_builtin_mesh_use(mesh, material, LW_BUILTIN_UV_FIT, 1.0f);
 }
 
-static void place(struct lw_builtin_mesh *mesh, float x, float y, float z, float angle) {
+static void place_mesh(struct lw_builtin_mesh *mesh, float x, float y, float z, float angle) {
     lw_builtin_mesh_place(mesh, lw_vec3(x, y, z), angle, lw_vec3(1, 1, 1));
 }
 
 /** Closes the mesh as an object that stands at a point. Returns its node. */
-static uint32_t finish_at(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh, const char *name,
-                          struct lw_vec3 position) {
+static uint32_t add_object_at(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh, const char *name,
+                              struct lw_vec3 position) {
     uint32_t node = lw_builtin_stage_node(stage, name, LW_SCENE_NONE, position);
     lw_builtin_stage_object(stage, name, mesh, node);
     return node;
 }
-static void finish(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh, const char *name) {
-    finish_at(stage, mesh, name, lw_vec3(0, 0, 0));
+static void add_object(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh, const char *name) {
+    add_object_at(stage, mesh, name, lw_vec3(0, 0, 0));
 }
 
 static void build_house(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh,
@@ -198,7 +198,7 @@ static void build_house(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
     lw_builtin_house_lower_floor(mesh);
     in_space(mesh, p->step, 2.0f);
     lw_builtin_house_step(mesh);
-    finish(stage, mesh, "floor");
+    add_object(stage, mesh, "floor");
 
     in_space(mesh, p->plaster, 4.0f);
     lw_builtin_house_walls(mesh);
@@ -208,58 +208,58 @@ static void build_house(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
     lw_builtin_house_dado(mesh, LW_HOUSE_UPPER_FLOOR);
     in_space(mesh, p->rib, 1.8f);
     lw_builtin_house_pilasters(mesh);
-    finish(stage, mesh, "walls");
+    add_object(stage, mesh, "walls");
 
     along(mesh, p->marble, 2.4f);
     lw_builtin_house_columns(mesh, 0, LW_HOUSE_LOWER_SPRING, 0.28f);
-    finish(stage, mesh, "lower columns");
+    add_object(stage, mesh, "lower columns");
     along(mesh, p->marble, 2.4f);
     lw_builtin_house_columns(mesh, LW_HOUSE_UPPER_FLOOR + LW_HOUSE_PEDESTAL,
                              LW_HOUSE_UPPER_SPRING - LW_HOUSE_UPPER_FLOOR - LW_HOUSE_PEDESTAL, 0.22f);
-    finish(stage, mesh, "upper columns");
+    add_object(stage, mesh, "upper columns");
 
     in_space(mesh, p->ashlar, 1.5f);
     lw_builtin_house_arcade(mesh, false);
-    finish(stage, mesh, "lower arcade");
+    add_object(stage, mesh, "lower arcade");
     in_space(mesh, p->ashlar, 1.5f);
     lw_builtin_house_arcade(mesh, true);
-    finish(stage, mesh, "upper arcade");
+    add_object(stage, mesh, "upper arcade");
     along(mesh, p->moulding, 2.0f);
     lw_builtin_house_archivolts(mesh, false);
     lw_builtin_house_archivolts(mesh, true);
     lw_builtin_house_cornices(mesh);
-    finish(stage, mesh, "mouldings");
+    add_object(stage, mesh, "mouldings");
 
     in_space(mesh, p->vault, 4.0f);
     lw_builtin_house_vaults(mesh);
     along(mesh, p->rib, 1.5f);
     lw_builtin_house_ribs(mesh);
-    finish(stage, mesh, "vaults");
+    add_object(stage, mesh, "vaults");
     in_space(mesh, p->tiles, 1.6f);
     lw_builtin_house_upper_floor(mesh);
-    finish(stage, mesh, "upper floor");
+    add_object(stage, mesh, "upper floor");
     in_space(mesh, p->wood, 1.0f);
     lw_builtin_house_timber(mesh);
-    finish(stage, mesh, "timber ceiling");
+    add_object(stage, mesh, "timber ceiling");
     along(mesh, p->marble, 2.0f);
     lw_builtin_house_balustrade(mesh);
-    finish(stage, mesh, "balustrade");
+    add_object(stage, mesh, "balustrade");
     along(mesh, p->roof, 1.0f);
     lw_builtin_house_roof(mesh);
-    finish(stage, mesh, "roof");
+    add_object(stage, mesh, "roof");
 }
 
 static void build_vases(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh,
                         const struct palette *p) {
     fitted(mesh, p->pottery);
     lw_builtin_furnish_vase(mesh, LW_BUILTIN_AMPHORA, 1.15f);
-    finish_at(stage, mesh, "amphora", lw_vec3(-5.05f, 0, 5.72f));
+    add_object_at(stage, mesh, "amphora", lw_vec3(-5.05f, 0, 5.72f));
     fitted(mesh, p->marble);
     lw_builtin_furnish_vase(mesh, LW_BUILTIN_KRATER, 0.95f);
-    finish_at(stage, mesh, "krater", lw_vec3(-7.5f, 0, -5.75f));
+    add_object_at(stage, mesh, "krater", lw_vec3(-7.5f, 0, -5.75f));
     fitted(mesh, p->glaze);
     lw_builtin_furnish_vase(mesh, LW_BUILTIN_JAR, 0.72f);
-    finish_at(stage, mesh, "jar", lw_vec3(2.25f, 0, -5.65f));
+    add_object_at(stage, mesh, "jar", lw_vec3(2.25f, 0, -5.65f));
 }
 
 static void hang_cloth(struct lw_builtin_mesh *mesh, float x, float side, float front, float phase) {
@@ -269,8 +269,8 @@ static void hang_cloth(struct lw_builtin_mesh *mesh, float x, float side, float 
                                            .clear = 0.60f,
                                            .clear_below = 0.55f,
                                            .phase = phase};
-    place(mesh, x, LW_HOUSE_UPPER_FLOOR + LW_HOUSE_PEDESTAL + 0.01f, side * LW_HOUSE_HALF_Z,
-          side > 0 ? LW_PI : 0);
+    place_mesh(mesh, x, LW_HOUSE_UPPER_FLOOR + LW_HOUSE_PEDESTAL + 0.01f, side * LW_HOUSE_HALF_Z,
+               side > 0 ? LW_PI : 0);
     lw_builtin_furnish_cloth(mesh, &cloth);
 }
 
@@ -279,15 +279,15 @@ static void build_cloths(struct lw_builtin_stage *stage, struct lw_builtin_mesh 
     fitted(mesh, p->red);
     hang_cloth(mesh, -1.5f, -1, 3.5f, 0.3f);
     hang_cloth(mesh, -4.5f, 1, 3.3f, 1.9f);
-    finish(stage, mesh, "red cloth");
+    add_object(stage, mesh, "red cloth");
     fitted(mesh, p->blue);
     hang_cloth(mesh, 4.5f, -1, 3.4f, 2.2f);
     hang_cloth(mesh, 1.5f, 1, 3.5f, 4.1f);
-    finish(stage, mesh, "blue cloth");
+    add_object(stage, mesh, "blue cloth");
     fitted(mesh, p->green);
     hang_cloth(mesh, -7.5f, -1, 3.4f, 5.1f);
     hang_cloth(mesh, 7.5f, 1, 3.4f, 3.0f);
-    finish(stage, mesh, "green cloth");
+    add_object(stage, mesh, "green cloth");
 }
 
 static void build_plants(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh,
@@ -307,24 +307,24 @@ static void build_plants(struct lw_builtin_stage *stage, struct lw_builtin_mesh 
     const uint32_t count = sizeof plants / sizeof *plants;
     for (uint32_t i = 0; i < count; i++) {
         float soil_y = plants[i].y + 0.86f * plants[i].pot;
-        place(mesh, plants[i].x, plants[i].y, plants[i].z, (float)i);
+        place_mesh(mesh, plants[i].x, plants[i].y, plants[i].z, (float)i);
         along(mesh, p->clay, 1.5f);
         lw_builtin_furnish_vase(mesh, LW_BUILTIN_POT, plants[i].pot);
         along(mesh, p->soil, 1.0f);
         lw_builtin_furnish_soil(mesh, plants[i].pot);
-        place(mesh, plants[i].x, soil_y, plants[i].z, (float)i);
+        place_mesh(mesh, plants[i].x, soil_y, plants[i].z, (float)i);
         fitted(mesh, plants[i].palm ? p->frond : p->leaf);
         if (plants[i].palm)
             lw_builtin_furnish_palm(mesh, plants[i].plant, 18, i);
         else
             lw_builtin_furnish_bush(mesh, plants[i].plant, 34, i);
     }
-    finish(stage, mesh, "plants");
+    add_object(stage, mesh, "plants");
 }
 
 static void build_basin(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh,
                         const struct palette *p) {
-    place(mesh, 0, LW_HOUSE_COURT_Y, 0, 0);
+    place_mesh(mesh, 0, LW_HOUSE_COURT_Y, 0, 0);
     along(mesh, p->moulding, 1.6f);
     lw_builtin_furnish_basin(mesh);
     if (p->is_matt)
@@ -332,7 +332,7 @@ static void build_basin(struct lw_builtin_stage *stage, struct lw_builtin_mesh *
     else
         in_space(mesh, p->water, 1.0f); /* no seam in the ripples */
     lw_builtin_furnish_water(mesh);
-    finish(stage, mesh, "basin");
+    add_object(stage, mesh, "basin");
 }
 
 static uint32_t build_lamp(struct lw_builtin_stage *stage, struct lw_builtin_mesh *mesh, const char *name,
@@ -342,7 +342,7 @@ static uint32_t build_lamp(struct lw_builtin_stage *stage, struct lw_builtin_mes
     lw_builtin_furnish_lamp(mesh, radius, chain);
     along(mesh, glow, 1.0f);
     lw_builtin_furnish_globe(mesh, radius, 12);
-    return finish_at(stage, mesh, name, position);
+    return add_object_at(stage, mesh, name, position);
 }
 
 /* ---- animation ---- */
@@ -402,8 +402,8 @@ static void build_lamps_and_rings(struct lw_builtin_stage *stage, struct lw_buil
                                 .phase = {0, 0, 0.5f * LW_PI}};
     along(mesh, p->bronze, 1.0f);
     lw_builtin_furnish_armillary(mesh, 0.75f);
-    uint32_t rings =
-        finish_at(stage, mesh, "armillary", lw_vec3(wander.centre[0], wander.centre[1], wander.centre[2]));
+    uint32_t rings = add_object_at(stage, mesh, "armillary",
+                                   lw_vec3(wander.centre[0], wander.centre[1], wander.centre[2]));
     move_along(stage, rings, &wander);
     turn_about(stage, rings, 0.41f);
 }

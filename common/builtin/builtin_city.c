@@ -354,8 +354,8 @@ struct round {
 };
 
 /** Point and heading (unit) after a share of the way around. */
-static void follow(const struct round *round, float share, struct lw_vec3 *out_point,
-                   struct lw_vec3 *out_heading) {
+static void point_on_round(const struct round *round, float share, struct lw_vec3 *out_point,
+                           struct lw_vec3 *out_heading) {
     const float flat = 2.0f * (round->half - round->radius), arc = 0.5f * LW_PI * round->radius;
     float way = (share - floorf(share)) * 4.0f * (flat + arc);
     int side = (int)(way / (flat + arc));
@@ -383,8 +383,8 @@ static void drive(struct lw_builtin_stage *stage, uint32_t node, const struct ro
     for (uint32_t k = 0; k < keys && place && turn; k++, place += 9, turn += 4) {
         struct lw_vec3 point, heading;
         /* whole turns: the last key is the first again, to the bit */
-        follow(round, round->start + (float)(k * round->turns % (keys - 1)) / (float)(keys - 1), &point,
-               &heading);
+        point_on_round(round, round->start + (float)(k * round->turns % (keys - 1)) / (float)(keys - 1),
+                       &point, &heading);
         const float p[3] = {point.x, point.y, point.z}, v[3] = {speed * heading.x, 0, speed * heading.z};
         for (int i = 0; i < 3; i++) {
             place[i] = place[6 + i] = v[i];

@@ -2,13 +2,13 @@
 
 #include <string.h>
 
-static void *keep(struct lw_builtin_stage *stage, size_t count, size_t size) {
+static void *allocate(struct lw_builtin_stage *stage, size_t count, size_t size) {
     void *memory = stage->failed ? NULL : lw_scene_alloc(stage->scene, count, size);
     if (!memory) stage->failed = true;
     return memory;
 }
 
-static const char *keep_string(struct lw_builtin_stage *stage, const char *text) {
+static const char *copy_string(struct lw_builtin_stage *stage, const char *text) {
     const char *copy = stage->failed ? NULL : lw_scene_string(stage->scene, text);
     if (!copy) stage->failed = true;
     return copy;
@@ -22,7 +22,7 @@ static void *append(struct lw_builtin_stage *stage, void *list_pointer, uint32_t
     void *list;
     memcpy(&list, list_pointer, sizeof list);
     if ((*count & (*count - 1)) == 0) {
-        void *grown = keep(stage, *count ? 2 * (size_t)*count : 1, size);
+        void *grown = allocate(stage, *count ? 2 * (size_t)*count : 1, size);
         if (!grown) return NULL;
         if (*count) memcpy(grown, list, *count * size);
         memcpy(list_pointer, &grown, sizeof grown);
@@ -34,7 +34,7 @@ static void *append(struct lw_builtin_stage *stage, void *list_pointer, uint32_t
 enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stage, const char *name) {
     *stage = (struct lw_builtin_stage){0};
     if (lw_scene_create(&stage->scene) != LW_OK) return LW_NO_MEMORY;
-    stage->scene->name = keep_string(stage, name);
+    stage->scene->name = copy_string(stage, name);
     if (!stage->failed) return LW_OK;
     lw_scene_destroy(stage->scene);
     return LW_NO_MEMORY;
@@ -42,7 +42,7 @@ enum lw_status lw_builtin_stage_init(struct lw_builtin_stage *stage, const char 
 
 static void drop_unused_meshes(struct lw_builtin_stage *stage) {
     struct lw_scene *scene = stage->scene;
-    uint32_t *now = keep(stage, (size_t)scene->mesh_count + 1, sizeof *now),
+    uint32_t *now = allocate(stage, (size_t)scene->mesh_count + 1, sizeof *now),
              count = 0; /* first whether, then where */
     if (!now) return;
     for (uint32_t o = 0; o < scene->object_count; o++) now[scene->object[o].mesh] = 1;
@@ -72,8 +72,8 @@ enum lw_status lw_builtin_stage_finish(struct lw_builtin_stage *stage, struct lw
 /** Texels of a texture that is appended to a list: lw_scene.texture or finish_texture. */
 static uint8_t *add_texture(struct lw_builtin_stage *stage, void *list_pointer, uint32_t *count,
                             struct lw_texture texture, uint32_t *out_index) {
-    uint8_t *rgba = keep(stage, (size_t)texture.width * texture.height, 4);
-    const char *kept_name = keep_string(stage, texture.name);
+    uint8_t *rgba = allocate(stage, (size_t)texture.width * texture.height, 4);
+    const char *kept_name = copy_string(stage, texture.name);
     *out_index = LW_SCENE_NONE;
     struct lw_texture *added = append(stage, list_pointer, count, sizeof *added);
     if (!added) return NULL;
@@ -101,7 +101,7 @@ uint8_t *lw_builtin_stage_finish_texture(struct lw_builtin_stage *stage, const c
 
 uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *name, struct lw_vec3 albedo,
                                    uint32_t texture) {
-    const char *kept_name = keep_string(stage, name);
+    const char *kept_name = copy_string(stage, name);
     struct lw_material *material =
         append(stage, &stage->scene->material, &stage->scene->material_count, sizeof *material);
     if (!material) return 0;
@@ -117,7 +117,7 @@ uint32_t lw_builtin_stage_material(struct lw_builtin_stage *stage, const char *n
 
 void lw_builtin_stage_gloss(struct lw_builtin_stage *stage, uint32_t material,
                             const struct lw_finish *finish) {
-    struct lw_finish *kept = keep(stage, 1, sizeof *kept);
+    struct lw_finish *kept = allocate(stage, 1, sizeof *kept);
     if (!kept) return;
     *kept = *finish;
     stage->scene->material[material].finish = kept;
@@ -131,7 +131,7 @@ void lw_builtin_stage_emission(struct lw_builtin_stage *stage, uint32_t material
 
 uint32_t lw_builtin_stage_node(struct lw_builtin_stage *stage, const char *name, uint32_t parent,
                                struct lw_vec3 translation) {
-    const char *kept_name = keep_string(stage, name);
+    const char *kept_name = copy_string(stage, name);
     struct lw_node *node = append(stage, &stage->scene->node, &stage->scene->node_count, sizeof *node);
     if (!node) return 0;
     *node = (struct lw_node){.name = kept_name,
@@ -150,7 +150,7 @@ void lw_builtin_stage_turn(struct lw_builtin_stage *stage, uint32_t node, float 
 }
 
 static void *keep_copy(struct lw_builtin_stage *stage, const void *from, size_t count, size_t size) {
-    void *to = keep(stage, count, size);
+    void *to = allocate(stage, count, size);
     if (to) memcpy(to, from, count * size);
     return to;
 }
@@ -165,7 +165,7 @@ static bool needs_tangents(const struct lw_builtin_stage *stage, const struct lw
 
 static const uint16_t *keep_tangents(struct lw_builtin_stage *stage, const struct lw_builtin_mesh *mesh) {
     if (!needs_tangents(stage, mesh)) return NULL;
-    uint16_t *tangent = keep(stage, mesh->triangle_count, 3 * sizeof *tangent);
+    uint16_t *tangent = allocate(stage, mesh->triangle_count, 3 * sizeof *tangent);
     if (tangent) lw_builtin_mesh_tangents(mesh, tangent);
     return tangent;
 }
@@ -173,7 +173,7 @@ static const uint16_t *keep_tangents(struct lw_builtin_stage *stage, const struc
 uint32_t lw_builtin_stage_mesh(struct lw_builtin_stage *stage, const char *name,
                                struct lw_builtin_mesh *mesh) {
     stage->failed |= mesh->failed;
-    struct lw_mesh kept = {.name = keep_string(stage, name),
+    struct lw_mesh kept = {.name = copy_string(stage, name),
                            .vertex_count = mesh->vertex_count,
                            .triangle_count = mesh->triangle_count};
     kept.position = keep_copy(stage, mesh->position, mesh->vertex_count, sizeof *mesh->position);
@@ -193,7 +193,7 @@ uint32_t lw_builtin_stage_mesh(struct lw_builtin_stage *stage, const char *name,
 
 void lw_builtin_stage_instance(struct lw_builtin_stage *stage, const char *name, uint32_t mesh,
                                uint32_t node) {
-    const char *kept_name = keep_string(stage, name);
+    const char *kept_name = copy_string(stage, name);
     struct lw_object *object =
         append(stage, &stage->scene->object, &stage->scene->object_count, sizeof *object);
     if (object) *object = (struct lw_object){.name = kept_name, .mesh = mesh, .node = node};
@@ -295,8 +295,8 @@ float *lw_builtin_stage_channel(struct lw_builtin_stage *stage, uint32_t node, e
                                 enum lw_interpolation interpolation, uint32_t key_count, float duration_s) {
     size_t width =
         (path == LW_CHANNEL_ROTATION ? 4u : 3u) * (interpolation == LW_INTERPOLATION_CUBIC ? 3u : 1u);
-    float *time_s = keep(stage, key_count, sizeof *time_s),
-          *value = keep(stage, key_count * width, sizeof *value);
+    float *time_s = allocate(stage, key_count, sizeof *time_s),
+          *value = allocate(stage, key_count * width, sizeof *value);
     struct lw_channel *channel =
         append(stage, &stage->scene->channel, &stage->scene->channel_count, sizeof *channel);
     if (!channel) return NULL;

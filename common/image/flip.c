@@ -202,7 +202,7 @@ static void split(struct job *job, const float *rgb) {
     }
 }
 
-static void see_colours(struct job *job, float *const seen[SEEN_COUNT]) {
+static void filter_colours(struct job *job, float *const seen[SEEN_COUNT]) {
     static const int plane[PART_COUNT] = {0, 1, 2, 2};
     for (int p = 0; p < PART_COUNT; p++) {
         filter_rows(&job->sensitivity[p], job->scratch[plane[p]], job->size, job->scratch[7]);
@@ -222,7 +222,7 @@ static void see_colours(struct job *job, float *const seen[SEEN_COUNT]) {
 }
 
 /* Length of the gradient, or of the two second derivatives, of luminance in [0, 1]. */
-static void see_feature(struct job *job, int order, float *out) {
+static void filter_feature(struct job *job, int order, float *out) {
     float *rows = job->scratch[3], *across = job->scratch[4], *down = job->scratch[5];
     filter_rows(&job->feature[order], job->scratch[0], job->size, rows);
     filter_columns(&job->feature[ORDER_0], rows, job->size, across);
@@ -231,12 +231,12 @@ static void see_feature(struct job *job, int order, float *out) {
     for (size_t i = 0; i < job->pixel_count; i++) out[i] = hypotf(across[i], down[i]);
 }
 
-static void see(struct job *job, const float *rgb, float *const seen[SEEN_COUNT]) {
+static void filter(struct job *job, const float *rgb, float *const seen[SEEN_COUNT]) {
     split(job, rgb);
-    see_colours(job, seen);
+    filter_colours(job, seen);
     for (size_t i = 0; i < job->pixel_count; i++) job->scratch[0][i] = (job->scratch[0][i] + 16) / 116;
-    see_feature(job, ORDER_1, seen[SEEN_EDGE]);
-    see_feature(job, ORDER_2, seen[SEEN_POINT]);
+    filter_feature(job, ORDER_1, seen[SEEN_EDGE]);
+    filter_feature(job, ORDER_2, seen[SEEN_POINT]);
 }
 
 static void compare(const struct job *job, float *out_map) {
@@ -275,8 +275,8 @@ enum lw_status lw_flip_map(const float *reference_rgb, const float *test_rgb, ui
     feature_filters((double)pixels_per_degree, job.feature);
     invert(to_relative_xyz, job.to_rgb);
 
-    see(&job, reference_rgb, job.seen[0]);
-    see(&job, test_rgb, job.seen[1]);
+    filter(&job, reference_rgb, job.seen[0]);
+    filter(&job, test_rgb, job.seen[1]);
     compare(&job, out_map);
     free(plane);
     return LW_OK;

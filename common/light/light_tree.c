@@ -13,8 +13,8 @@ static float angle(struct lw_vec3 a, struct lw_vec3 b) {
 }
 
 /* The cone about both cones, where that is less than all directions. */
-static void join_cones(const struct lw_light_bounds *a, const struct lw_light_bounds *b,
-                       struct lw_light_bounds *out) {
+static void unite_cones(const struct lw_light_bounds *a, const struct lw_light_bounds *b,
+                        struct lw_light_bounds *out) {
     if (b->spread > a->spread) {
         const struct lw_light_bounds *wider = b;
         b = a;
@@ -37,11 +37,11 @@ static void join_cones(const struct lw_light_bounds *a, const struct lw_light_bo
     out->spread += SLACK;
 }
 
-static struct lw_light_bounds join(const struct lw_light_bounds *a, const struct lw_light_bounds *b) {
+static struct lw_light_bounds unite_bounds(const struct lw_light_bounds *a, const struct lw_light_bounds *b) {
     if (!(a->power > 0)) return *b;
     if (!(b->power > 0)) return *a;
     struct lw_light_bounds both = {.low = lw_vec3_min(a->low, b->low), .high = lw_vec3_max(a->high, b->high)};
-    join_cones(a, b, &both);
+    unite_cones(a, b, &both);
     both.power = a->power + b->power;
     return both;
 }
@@ -114,8 +114,9 @@ static void summarise(struct lw_light_node *node, const struct lw_light_bounds *
 void lw_light_tree_refit(struct lw_light_tree *tree, const struct lw_light_bounds *light) {
     for (uint32_t i = 2 * tree->count - 1; i-- > 0;) {
         struct lw_light_node *node = &tree->node[i];
-        tree->bounds[i] = node->light != UINT32_MAX ? light[node->light]
-                                                    : join(&tree->bounds[i + 1], &tree->bounds[node->right]);
+        tree->bounds[i] = node->light != UINT32_MAX
+                              ? light[node->light]
+                              : unite_bounds(&tree->bounds[i + 1], &tree->bounds[node->right]);
         summarise(node, &tree->bounds[i]);
     }
 }
@@ -173,7 +174,7 @@ static void put_node(struct split *s, uint32_t at, uint32_t node, float promise)
 
 /* Puts the children of a group in its place, those that can give anything; false where there is no room for
  * both. */
-static bool tell_apart(struct split *s, uint32_t at, uint32_t most) {
+static bool split_group(struct split *s, uint32_t at, uint32_t most) {
     const struct lw_light_node *parent = &s->tree->node[s->group[at]];
     const uint32_t left = s->group[at] + 1, right = parent->right;
     const float gives_left = importance(&s->tree->node[left], &s->place),
@@ -205,7 +206,7 @@ uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
         uint32_t best = 0;
         for (uint32_t i = 1; i < s.count; i++)
             if (s.promise[i] > s.promise[best]) best = i;
-        if (!s.count || !(s.promise[best] > 0) || !tell_apart(&s, best, most)) return s.count;
+        if (!s.count || !(s.promise[best] > 0) || !split_group(&s, best, most)) return s.count;
     }
 }
 

@@ -418,7 +418,7 @@ static void weigh(const struct lw_lights *lights, struct lw_vec3 point, struct l
 }
 
 /* The rest of a choice's number: uniform in [0, 1) again. */
-static float rest_of(float pick, float low, float probability) {
+static float rescaled_pick(float pick, float low, float probability) {
     return fminf((pick - low) / probability, 0x1.fffffep-1f);
 }
 
@@ -467,12 +467,12 @@ struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, f
     struct lw_sky_draw draw = {0};
     if (u < lights->bright_share) {
         draw.bright = true;
-        draw.direction = lw_environment_importance_draw(&lights->environment,
-                                                        rest_of(u, 0, lights->bright_share), v, &draw.pdf);
+        draw.direction = lw_environment_importance_draw(
+            &lights->environment, rescaled_pick(u, 0, lights->bright_share), v, &draw.pdf);
         draw.radiance = lw_scene_sky(lights->scene, draw.direction);
         return draw;
     }
-    const float point[2] = {rest_of(u, lights->bright_share, 1 - lights->bright_share), v};
+    const float point[2] = {rescaled_pick(u, lights->bright_share, 1 - lights->bright_share), v};
     draw.direction = lw_direction_cosine(point);
     return draw;
 }
@@ -513,7 +513,7 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
     const float *p = c.probability;
     struct lw_light_sample sample = {.direction = {0, 0, 1}};
     if (pick < p[NEAR]) {
-        pick = rest_of(pick, 0, p[NEAR]);
+        pick = rescaled_pick(pick, 0, p[NEAR]);
         float probability = 0;
         uint32_t i = UINT32_MAX;
         if (!lights->few) {
@@ -526,7 +526,8 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
         if (i == UINT32_MAX) return sample;
         sample = sample_near(lights, i, p[NEAR] * probability, u, v, point_ws);
     } else if (pick < p[NEAR] + p[SUNS])
-        sample = sample_sun(lights, p[SUNS], rest_of(pick, p[NEAR], p[SUNS]), u, v, point_ws, normal_ws);
+        sample =
+            sample_sun(lights, p[SUNS], rescaled_pick(pick, p[NEAR], p[SUNS]), u, v, point_ws, normal_ws);
     else if (p[SKY] > 0)
         sample = sample_sky(lights, p[SKY], u, v, normal_ws);
     return keep_above(sample, normal_ws);

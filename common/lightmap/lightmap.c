@@ -273,7 +273,7 @@ static enum lw_status pack(const struct drive *drive, struct job *job, double sc
     return status;
 }
 
-static enum lw_status place(struct job *job) {
+static enum lw_status place_points(struct job *job) {
     job->uv = malloc(((size_t)job->charts.point_count + 1) * sizeof *job->uv);
     if (!job->uv) return LW_NO_MEMORY;
     job->width = job->layout.width;
@@ -299,7 +299,7 @@ static enum lw_status lay_out(const struct drive *drive, struct job *job, double
     if (status == LW_OK && !job->from_file) {
         status = unwrap(drive, job, scale);
         if (status == LW_OK) status = pack(drive, job, scale);
-        if (status == LW_OK) status = place(job);
+        if (status == LW_OK) status = place_points(job);
     }
     struct lw_lightmap_map map = map_of(job);
     if (status == LW_OK) status = lw_lightmap_check_coverage(&map, job->back, &job->covered);

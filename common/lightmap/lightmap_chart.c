@@ -89,7 +89,7 @@ static void push_edges(struct grower *g, uint32_t t) {
     }
 }
 
-static void take(struct grower *g, uint32_t t, uint32_t chart, const struct lw_vec2 corner[3]) {
+static void add_triangle(struct grower *g, uint32_t t, uint32_t chart, const struct lw_vec2 corner[3]) {
     g->charts->chart[t] = chart;
     lw_lightmap_plane_add(g->plane, corner);
     struct lw_vec3 place[3];
@@ -104,12 +104,12 @@ static void plant(struct grower *g, uint32_t t, uint32_t chart) {
     struct lw_vec2 corner[3] = {{0, 0}, {length, 0}, {along * length, height}};
     for (uint32_t k = 0; k < 3; k++)
         g->charts->corner[t][k] = add_point(g, chart, weld_of(g, t, k), corner[k]);
-    take(g, t, chart, corner);
+    add_triangle(g, t, chart, corner);
 }
 
 /* Finds a place for the third corner: a point that is there, if it fits, else a new one. */
-static bool place(struct grower *g, uint32_t chart, uint32_t t, uint32_t e, struct lw_vec2 a,
-                  struct lw_vec2 b, uint32_t *out_point, struct lw_vec2 *out_at) {
+static bool place_corner(struct grower *g, uint32_t chart, uint32_t t, uint32_t e, struct lw_vec2 a,
+                         struct lw_vec2 b, uint32_t *out_point, struct lw_vec2 *out_at) {
     float along, height;
     apex(g->topology, t, e, &along, &height);
     float dx = b.x - a.x, dy = b.y - a.y, length = sqrtf(dx * dx + dy * dy);
@@ -140,7 +140,7 @@ static void unfold(struct grower *g, uint32_t from, uint32_t chart) {
     uint32_t pa = g->charts->corner[from / 3][(from % 3 + 1) % 3], pb = g->charts->corner[from / 3][from % 3],
              pc;
     struct lw_vec2 corner[3], c;
-    if (!place(g, chart, t, e, g->charts->point[pa], g->charts->point[pb], &pc, &c)) return;
+    if (!place_corner(g, chart, t, e, g->charts->point[pa], g->charts->point[pb], &pc, &c)) return;
     corner[e] = g->charts->point[pa];
     corner[(e + 1) % 3] = g->charts->point[pb];
     corner[(e + 2) % 3] = c;
@@ -152,7 +152,7 @@ static void unfold(struct grower *g, uint32_t from, uint32_t chart) {
     g->charts->corner[t][e] = pa;
     g->charts->corner[t][(e + 1) % 3] = pb;
     g->charts->corner[t][(e + 2) % 3] = pc;
-    take(g, t, chart, corner);
+    add_triangle(g, t, chart, corner);
 }
 
 struct seed {
@@ -178,8 +178,9 @@ static void grow_all(struct grower *g, const struct seed *seed, uint32_t seed_co
     }
 }
 
-static enum lw_status grow(const struct lw_lightmap_topology *topology, struct lw_lightmap_charts *charts,
-                           struct lw_lightmap_plane *plane, struct lw_lightmap_apart *apart) {
+static enum lw_status grow_charts(const struct lw_lightmap_topology *topology,
+                                  struct lw_lightmap_charts *charts, struct lw_lightmap_plane *plane,
+                                  struct lw_lightmap_apart *apart) {
     size_t triangles = topology->triangle_count, welds = topology->weld_count;
     struct grower g = {.topology = topology, .charts = charts, .plane = plane, .apart = apart};
     struct seed *seed = malloc((triangles + 1) * sizeof *seed);
@@ -276,7 +277,7 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
     if (status == LW_OK) {
         memset(charts->corner, 0xff, triangles * sizeof *charts->corner);
         memset(charts->chart, 0xff, triangles * sizeof *charts->chart);
-        status = grow(&topology, charts, plane, apart);
+        status = grow_charts(&topology, charts, plane, apart);
     }
     if (status == LW_OK) status = lw_lightmap_split(charts, &topology);
     if (status == LW_OK) status = lw_lightmap_merge(charts, &topology, plane, apart);

@@ -103,7 +103,7 @@ static bool is_of_few_sizes(const struct lw_lightmap_stone *s) {
 }
 
 /* resume: where the search begins, and where it ended; or NULL. */
-static bool place(struct mosaic *m, struct lw_lightmap_stone *s, struct place *resume) {
+static bool place_stone(struct mosaic *m, struct lw_lightmap_stone *s, struct place *resume) {
     uint32_t x = resume ? resume->x : 0;
     for (uint32_t y = resume ? resume->y : 0; y + s->height <= m->height && *m->looks; y++, x = 0)
         for (; x + s->width <= m->width; x++) {
@@ -142,8 +142,8 @@ enum lw_status lw_lightmap_mosaic_pack(struct lw_lightmap_stone *const *stone, u
     bool fits = true;
     if (mosaic_init(&m, width, height_max, looks) != LW_OK) return LW_NO_MEMORY;
     for (uint32_t i = 0; fits && i < count; i++) {
-        fits = place(&m, stone[i],
-                     is_of_few_sizes(stone[i]) ? &resume[stone[i]->width][stone[i]->height] : NULL);
+        fits = place_stone(&m, stone[i],
+                           is_of_few_sizes(stone[i]) ? &resume[stone[i]->width][stone[i]->height] : NULL);
         if (fits) extend(&used, stone[i]);
     }
     free(m.row);

@@ -189,7 +189,7 @@ static bool is_better(const struct packer *p, uint32_t width, uint32_t height) {
     return !p->found || (uint64_t)width * height < (uint64_t)p->best_width * p->best_height;
 }
 
-static void keep(struct packer *p, uint32_t width, uint32_t height) {
+static void note_best(struct packer *p, uint32_t width, uint32_t height) {
     p->best_width = width, p->best_height = height;
     p->found = true;
 }
@@ -236,7 +236,7 @@ static void try_skyline(struct packer *p, uint32_t width, int heuristic) {
     if (!is_better(p, right, top)) return;
     for (uint32_t i = 0; i < p->item_count; i++)
         p->best[p->rect[i].id] = (struct place){(uint32_t)p->rect[i].x, (uint32_t)p->rect[i].y};
-    keep(p, right, top);
+    note_best(p, right, top);
 }
 
 static uint32_t width_between(const struct packer *p, double wanted, uint32_t least) {
@@ -270,7 +270,7 @@ static int by_rank(const void *left, const void *right) {
 static void keep_mosaic(struct packer *p, uint32_t width, uint32_t height) {
     for (uint32_t k = 0; k < p->item_count; k++)
         p->best[k] = (struct place){p->item[k].stone.x, p->item[k].stone.y};
-    keep(p, width, height);
+    note_best(p, width, height);
 }
 
 /* The smallest atlas, wherever that puts the charts: for what hardly fills a tile. */
@@ -326,7 +326,7 @@ static enum lw_status search(struct packer *p) {
 }
 
 /* Moves the slots from their items to the atlas. */
-static void settle(struct packer *p) {
+static void move_slots(struct packer *p) {
     for (uint32_t i = 0; i < p->item_count; i++)
         for (uint32_t k = p->item[i].first; k < p->item[i].first + p->item[i].count; k++) {
             struct lw_lightmap_slot *slot = &p->slot[p->member[k]];
@@ -364,7 +364,7 @@ static enum lw_status packer_run(struct packer *p, bool turned) {
     }
     enum lw_status status = make_items(p);
     if (status == LW_OK) status = search(p);
-    if (status == LW_OK && p->found) settle(p);
+    if (status == LW_OK && p->found) move_slots(p);
     return status;
 }
 

@@ -212,7 +212,7 @@ static enum lw_status status_of_exit(int code) {
     return LW_INTERNAL;
 }
 
-static enum lw_status finish(struct importer *importer, struct lw_error *err) {
+static enum lw_status await_result(struct importer *importer, struct lw_error *err) {
     int ended = wait_for_end(importer);
     if (is_cancelled(importer))
         return lw_status_fail(err, LW_CLOSED, "%s: the import was stopped", importer->desc->scene);
@@ -240,7 +240,7 @@ enum lw_status lw_import_spawn(const struct lw_import_spawn_desc *desc, struct l
     find_program(&importer);
     enum lw_status status = make_folder(&importer, err);
     if (status == LW_OK) status = start(&importer, err);
-    if (status == LW_OK) status = finish(&importer, err);
+    if (status == LW_OK) status = await_result(&importer, err);
     if (status == LW_OK) status = lw_package_load(importer.package, out_scene, err);
     if (importer.failure_fd >= 0) close(importer.failure_fd);
     lw_folders_remove_temporary(importer.folder); /* with the unfinished files of a killed importer */

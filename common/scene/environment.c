@@ -131,7 +131,7 @@ void lw_environment_importance_finish(struct lw_environment_importance *importan
 }
 
 /* Where in its entry a pick lies: uniform in [0, 1) again. */
-static float rest_of(const float *cdf, uint32_t i, float pick) {
+static float rescaled_pick(const float *cdf, uint32_t i, float pick) {
     float below = i ? cdf[i - 1] : 0;
     return fminf((pick - below) / (cdf[i] - below), 0x1.fffffep-1f);
 }
@@ -163,7 +163,7 @@ struct lw_vec3 lw_environment_importance_draw(const struct lw_environment_import
     uint32_t y = lw_cdf_choose(importance->row, importance->height, v);
     const float *column = importance->column + (size_t)y * importance->width;
     uint32_t x = lw_cdf_choose(column, importance->width, u);
-    float in_row = rest_of(importance->row, y, v), in_column = rest_of(column, x, u);
+    float in_row = rescaled_pick(importance->row, y, v), in_column = rescaled_pick(column, x, u);
     /* A tent about each texel, chosen by its probability, makes the bilinear density. What of the first row's
      * reaches over the pole is folded back, and makes the level part above its centres. */
     float across = (float)x + 0.5f + tent(in_column), down = fabsf((float)y + 0.5f + tent(in_row));

@@ -274,7 +274,7 @@ static enum lw_status check_order(const struct content *content, struct lw_error
 }
 
 /* To a scene that passes all checks with it, or to none. */
-static enum lw_status give(const struct content *content, struct lw_error *err) {
+static enum lw_status attach(const struct content *content, struct lw_error *err) {
     struct lw_scene *scene = content->scene;
     scene->finish_texture = content->texture;
     scene->finish_texture_count = content->texture_count;
@@ -311,7 +311,7 @@ enum lw_status lw_finish_package_take(uint8_t *bytes, size_t size, struct lw_sce
     status = c.status;
     if (!status) status = lw_records_check_used(&c);
     if (!status) status = check_order(&content, err);
-    return status ? status : give(&content, err);
+    return status ? status : attach(&content, err);
 }
 
 enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct lw_scene *scene,

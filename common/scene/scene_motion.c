@@ -64,7 +64,8 @@ static float luminance(const float rgb[3]) { return 0.2126f * rgb[0] + 0.7152f *
 /* ---- making movers ---- */
 
 /* A copy with room for some more at its end. */
-static void *grow(struct lw_scene *scene, const void *array, size_t count, size_t more, size_t size) {
+static void *copy_with_room(struct lw_scene *scene, const void *array, size_t count, size_t more,
+                            size_t size) {
     void *grown = lw_scene_alloc(scene, count + more, size);
     if (grown && count) memcpy(grown, array, count * size);
     return grown;
@@ -79,7 +80,8 @@ static enum lw_status push_channel(struct lw_scene *scene, uint32_t node, enum l
                                    enum lw_interpolation interpolation, uint32_t keys, float **out_time_s,
                                    float **out_value) {
     const unsigned width = path == LW_CHANNEL_ROTATION ? 4 : 3;
-    struct lw_channel *channel = grow(scene, scene->channel, scene->channel_count, 1, sizeof *channel);
+    struct lw_channel *channel =
+        copy_with_room(scene, scene->channel, scene->channel_count, 1, sizeof *channel);
     float *time_s = lw_scene_alloc(scene, keys, sizeof *time_s),
           *value = lw_scene_alloc(scene, (size_t)keys * width, sizeof *value);
     if (!channel || !time_s || !value) return LW_NO_MEMORY;
@@ -98,7 +100,7 @@ static enum lw_status push_channel(struct lw_scene *scene, uint32_t node, enum l
 
 /* Two more nodes, the second below the first. What hangs on the second moves with the first. */
 static enum lw_status add_mover(struct lw_scene *scene, uint32_t parent, uint32_t *out_node) {
-    struct lw_node *node = grow(scene, scene->node, scene->node_count, 2, sizeof *node);
+    struct lw_node *node = copy_with_room(scene, scene->node, scene->node_count, 2, sizeof *node);
     if (!node) return LW_NO_MEMORY;
     const uint32_t first = scene->node_count;
     node[first] = node_below("mover", parent);
@@ -162,8 +164,8 @@ static enum lw_status circle(struct lw_scene *scene, const struct lw_pose *pose,
 
 /* Turns about the world's vertical through `pivot`, a point of the space below `parent`; by a full turn, or
  * to and fro. */
-static enum lw_status turn(struct lw_scene *scene, const struct lw_pose *pose, uint32_t parent,
-                           struct lw_vec3 pivot, bool fully, uint32_t *out_node) {
+static enum lw_status add_turn(struct lw_scene *scene, const struct lw_pose *pose, uint32_t parent,
+                               struct lw_vec3 pivot, bool fully, uint32_t *out_node) {
     uint32_t mover;
     float *value;
     struct lw_vec3 axis = into_node(&pose->node_to_world[parent], lw_vec3(0, 1, 0));
@@ -253,7 +255,8 @@ static enum lw_status move_a_light(struct lw_scene *scene, const struct lw_pose 
     }
     if (sun != LW_SCENE_NONE) {
         *out_name = scene->light[sun].name;
-        return turn(scene, pose, scene->light[sun].node, lw_vec3(0, 0, 0), false, &scene->light[sun].node);
+        return add_turn(scene, pose, scene->light[sun].node, lw_vec3(0, 0, 0), false,
+                        &scene->light[sun].node);
     }
     return lw_status_fail(err, LW_BAD_DATA, "%s: no light of it moves, and it has none that could be moved",
                           scene->name);
@@ -306,7 +309,7 @@ static enum lw_status move_an_object(struct lw_scene *scene, const struct lw_pos
                               scene->name);
     struct lw_vec3 pivot = lw_vec3_scale(lw_vec3_add(of_best.low, of_best.high), 0.5f);
     *out_name = scene->object[best].name;
-    return turn(scene, pose, scene->object[best].node, pivot, true, &scene->object[best].node);
+    return add_turn(scene, pose, scene->object[best].node, pivot, true, &scene->object[best].node);
 }
 
 /* ---- one mover of a stated speed ---- */
@@ -406,7 +409,7 @@ static struct lw_vec3 middle_of(const struct lw_scene *scene, const struct lw_po
 }
 
 /* The t where a line p + t d meets a triangle: p + t d = a + u (b - a) + w (c - a). NAN: it does not. */
-static float meet(struct lw_vec3 p, struct lw_vec3 d, const struct lw_vec3 v[3]) {
+static float intersect(struct lw_vec3 p, struct lw_vec3 d, const struct lw_vec3 v[3]) {
     const struct lw_vec3 e = lw_vec3_sub(v[1], v[0]), f = lw_vec3_sub(v[2], v[0]), q = lw_vec3_sub(p, v[0]);
     const struct lw_vec3 df = lw_vec3_cross(d, f), qe = lw_vec3_cross(q, e);
     const float determinant = lw_vec3_dot(df, e);
@@ -425,7 +428,7 @@ static void free_line(const struct lw_scene *scene, const struct lw_pose *pose, 
             struct lw_vec3 v[3];
             for (int k = 0; k < 3; k++)
                 v[k] = lw_affine_point(&pose->object_to_world[o], mesh->position[mesh->triangle[t][k]]);
-            const float at = meet(p, d, v);
+            const float at = intersect(p, d, v);
             if (at >= 0) out_free_m[1] = fminf(out_free_m[1], at);
             if (at < 0) out_free_m[0] = fminf(out_free_m[0], -at);
         }

@@ -12,7 +12,7 @@ static void set(struct lw_scene_roster *r, uint32_t object, bool spare) {
         r->spare[place / 64] &= ~bit;
 }
 
-static void begin(struct lw_scene_roster *r) {
+static void mark_spare(struct lw_scene_roster *r) {
     for (uint32_t o = 0; o < r->scene->object_count; o++) set(r, o, lw_scene_is_spare(r->scene, o));
 }
 
@@ -42,7 +42,7 @@ enum lw_status lw_scene_roster_init(struct lw_scene_roster *r, const struct lw_s
         return LW_NO_MEMORY;
     }
     order_by_mesh(r);
-    begin(r);
+    mark_spare(r);
     return LW_OK;
 }
 
@@ -114,7 +114,7 @@ enum lw_scene_change_code lw_scene_roster_take(struct lw_scene_roster *r, const 
         if (c->kind == LW_SCENE_CHANGE_OBJECT_REMOVE) set(r, c->target, true);
         return LW_SCENE_CHANGE_OK;
     case LW_SCENE_CHANGE_RESET:
-        begin(r);
+        mark_spare(r);
         return LW_SCENE_CHANGE_OK;
     default: /* not about which objects there are */
         return LW_SCENE_CHANGE_OK;

@@ -821,7 +821,7 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
 }
 
 /* Whether a tile of this scale and step may go on with those of its history: then they are its own. */
-static bool goes_on(const struct lw_tile_dct_history *history, float scale, uint32_t q) {
+static bool continues_history(const struct lw_tile_dct_history *history, float scale, uint32_t q) {
     return history && history->scale >= scale / NEAR_SCALE && history->scale <= scale * NEAR_SCALE &&
            history->q + NEAR_Q >= q && history->q <= q + NEAR_Q;
 }
@@ -845,7 +845,7 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
     }
     LW_INVARIANT(count <= width * height && out_coded->scale >= SCALE_MIN && out_coded->scale <= SCALE_MAX);
     LW_INVARIANT(sum[0] >= 0 && sum[1] >= 0 && sum[2] >= 0 && isfinite(sum[0] + sum[1] + sum[2]));
-    const bool continues = goes_on(history, out_coded->scale, q);
+    const bool continues = continues_history(history, out_coded->scale, q);
     if (continues) {
         LW_INVARIANT(history->scale >= SCALE_MIN && history->scale <= SCALE_MAX &&
                      history->q <= LW_TILE_DCT_STEP_Q_MAX);

@@ -41,7 +41,7 @@ static const uint8_t length_raw[] = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
 #define COEFFICIENT_TABLES 16u
 
 /* Slots of each token, by table: counted over tiles of the atrium, Sponza and the Cornell box at steps of 0.1
- * to 0.5, as tests/bench/bench_rans_tables.c counts them. */
+ * to 0.5, as bench_rans_tables counted them (docs/lab/codec.md; it is in the tree up to commit a0037187). */
 static const uint16_t share_of[LW_TILE_RANS_TABLES][LW_TILE_RANS_TOKENS] = {
     {909, 89, 5, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1},
     {853, 135, 13, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1},

@@ -61,7 +61,7 @@ static int read_lent(BIO *bio, char *dst, int capacity) {
     return (int)size;
 }
 
-static void give(struct lw_tls_output *output) {
+static void hand_over(struct lw_tls_output *output) {
     const size_t taken = output->take(output->link, output->bytes, output->size);
     LW_INVARIANT(taken <= output->size);
     output->taken += taken;
@@ -75,7 +75,8 @@ static int write_output(BIO *bio, const char *src, int size) {
     BIO_clear_retry_flags(bio);
     if (size <= 0) return 0;
     if (append(s->output, src, (size_t)size)) {
-        if (s->output->take && !s->output->is_full && s->output->size >= LW_TLS_STREAM_TAKEN) give(s->output);
+        if (s->output->take && !s->output->is_full && s->output->size >= LW_TLS_STREAM_TAKEN)
+            hand_over(s->output);
         return size;
     }
     s->no_memory = true;

@@ -51,8 +51,8 @@ void lw_trace_replay_clear(struct lw_trace_replay *replay) { replay->count = 0; 
 
 void lw_trace_replay_record(struct lw_trace_replay *replay) { recording = replay; }
 
-static void note(const int valid[16], RTCScene scene, const struct RTCIntersectContext *context,
-                 const void *rays, size_t rays_size, bool closest) {
+static void record(const int valid[16], RTCScene scene, const struct RTCIntersectContext *context,
+                   const void *rays, size_t rays_size, bool closest) {
     if (!recording || recording->count == recording->capacity) return;
     struct packet *packet = &recording->packet[recording->count++];
     memcpy(&packet->rays, rays, rays_size);
@@ -74,13 +74,13 @@ void __wrap_rtcOccluded16(const int *valid, RTCScene scene, struct RTCIntersectC
 
 void __wrap_rtcIntersect16(const int *valid, RTCScene scene, struct RTCIntersectContext *context,
                            struct RTCRayHit16 *rays) {
-    note(valid, scene, context, rays, sizeof *rays, true);
+    record(valid, scene, context, rays, sizeof *rays, true);
     __real_rtcIntersect16(valid, scene, context, rays);
 }
 
 void __wrap_rtcOccluded16(const int *valid, RTCScene scene, struct RTCIntersectContext *context,
                           struct RTCRay16 *rays) {
-    note(valid, scene, context, rays, sizeof *rays, false);
+    record(valid, scene, context, rays, sizeof *rays, false);
     __real_rtcOccluded16(valid, scene, context, rays);
 }
 

@@ -27,7 +27,7 @@ struct run {
 static double seconds_since(uint64_t then_ns) { return (double)(lw_clock_ns() - then_ns) * 1e-9; }
 
 /* frames: of this run. Errors of the first ones are noise themselves. */
-static void show(struct run *run, const struct lw_solver_stats *stats, uint64_t frames) {
+static void show_progress(struct run *run, const struct lw_solver_stats *stats, uint64_t frames) {
     if (frames < LW_SOLVER_FRAMES_MIN && !run->desc->samples) {
         run->progress.left_s = (double)INFINITY;
     } else if (!run->forecast.count || seconds_since(run->forecast_ns) > FORECAST_EVERY_S) {
@@ -65,7 +65,7 @@ enum lw_status lw_bake_run(const struct lw_bake_desc *desc, uint64_t frames,
         result.rays += stats.rays_shadow + stats.rays_bounce + stats.rays_probe;
         result.tiles = stats.tiles;
         result.tiles_open = stats.tiles - stats.tiles_converged;
-        show(&run, &stats, result.frames - frames);
+        show_progress(&run, &stats, result.frames - frames);
         if (!result.tiles_open) break;
         result.stopped = desc->stop && *desc->stop;
         result.limited = desc->limit_s > 0 && seconds_since(run.began_ns) >= desc->limit_s;

@@ -61,7 +61,7 @@ static struct slot *find(const struct taken *taken, const char *name) {
 }
 
 /* Takes a name; false if it is taken already, or out of memory. */
-static bool take(const struct taken *taken, const char *name, bool *out_no_memory) {
+static bool reserve(const struct taken *taken, const char *name, bool *out_no_memory) {
     char folded[LW_MAP_NAMES_STEM_MAX + 2 + SUFFIX_MAX];
     lower(name, folded);
     struct slot *slot = find(taken, folded);
@@ -78,7 +78,7 @@ static char *name_object(const struct taken *taken, const char *name) {
     make_stem(name, stem);
     lower(stem, folded);
     snprintf(candidate, sizeof candidate, "%s", stem);
-    while (!take(taken, candidate, &no_memory)) {
+    while (!reserve(taken, candidate, &no_memory)) {
         if (no_memory) return NULL;
         snprintf(candidate, sizeof candidate, "%s-%u", stem, find(taken, folded)->next++);
     }

@@ -37,7 +37,8 @@ static struct lw_vec3 direction(uint32_t i, uint32_t count) {
     return lw_vec3((float)(r * cos(golden * i)), (float)y, (float)(r * sin(golden * i)));
 }
 
-static void look(struct lw_sides *sides, const struct lw_trace *trace, struct lw_vec3 eye, uint32_t count) {
+static void trace_from(struct lw_sides *sides, const struct lw_trace *trace, struct lw_vec3 eye,
+                       uint32_t count) {
     struct lw_ray16 rays = {0};
     for (uint32_t i = 0; i < count; i += LW_TRACE_WIDTH) {
         uint16_t active = 0;
@@ -66,7 +67,8 @@ enum lw_status lw_sides_init(struct lw_sides *sides, const struct lw_scene *scen
     if (status) return status;
     for (uint32_t c = 0; c < cameras; c++) {
         const struct lw_affine *place = &pose->node_to_world[scene->camera[c].node];
-        look(sides, trace, lw_vec3(place->m[0][3], place->m[1][3], place->m[2][3]), LW_SIDES_RAYS / cameras);
+        trace_from(sides, trace, lw_vec3(place->m[0][3], place->m[1][3], place->m[2][3]),
+                   LW_SIDES_RAYS / cameras);
     }
     lw_trace_destroy(trace);
     return LW_OK;

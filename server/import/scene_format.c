@@ -96,7 +96,7 @@ static bool ends_with(const char *path, const char *ending) {
     return length >= ending_length && strcasecmp(path + length - ending_length, ending) == 0;
 }
 
-static enum lw_status tell(const struct start *start, enum lw_scene_format *out, struct lw_error *err) {
+static enum lw_status recognise(const struct start *start, enum lw_scene_format *out, struct lw_error *err) {
     if (start->size == 0) return lw_status_fail(err, LW_BAD_DATA, "is empty");
     if (lw_text_lines_is_wide(start->bytes, start->size))
         return lw_status_fail(err, LW_BAD_DATA, "is UTF-16 text, which is not read: save it as UTF-8");
@@ -124,7 +124,7 @@ enum lw_status lw_scene_format_of(const char *path, enum lw_scene_format *out, s
     enum lw_scene_format format = LW_SCENE_FORMAT_GLTF;
     enum lw_status status = lw_file_read(path, START_SIZE, false, &bytes, &start.size, &own);
     start.bytes = bytes;
-    if (status == LW_OK) status = tell(&start, &format, &own);
+    if (status == LW_OK) status = recognise(&start, &format, &own);
     free(bytes);
     if (status) return lw_status_fail(err, status, "%s: %s", path, own.text);
     *out = format;

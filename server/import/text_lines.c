@@ -52,7 +52,7 @@ static size_t length_without_blanks(const char *text, size_t length) {
 }
 
 /* A comment does not go on: paths in it may end with a backslash. */
-static bool goes_on(const struct lw_text_lines *lines, size_t length) {
+static bool continues(const struct lw_text_lines *lines, size_t length) {
     return lines->at < lines->end && length > 0 && lines->text[length - 1] == '\\' && *lines->text != '#';
 }
 
@@ -66,7 +66,7 @@ static bool read_line(struct lw_text_lines *lines) {
     }
     lines->line = lines->next;
     if (lines->at == lines->end || !append_line(lines, &length)) return false;
-    while (goes_on(lines, length = length_without_blanks(lines->text, length))) {
+    while (continues(lines, length = length_without_blanks(lines->text, length))) {
         lines->text[length - 1] = ' ';
         if (!append_line(lines, &length)) return false;
     }

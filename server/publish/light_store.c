@@ -71,7 +71,8 @@ void lw_light_store_finish(struct lw_light_store *store) {
 }
 
 /* Logs the first failure only; a first run without files is none. */
-static void tell(struct lw_light_store *store, enum lw_status status, const struct lw_error *err) {
+static void log_first_failure(struct lw_light_store *store, enum lw_status status,
+                              const struct lw_error *err) {
     if (status == LW_NO_INPUT || store->told) return;
     store->told = true;
     lw_log(LW_LOG_WARNING, "%s; lighting afresh", err->text);
@@ -85,7 +86,7 @@ struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const st
     enum lw_status status =
         lw_saved_light_load(store->shown_path, store->key, atlas_map, target_error, &snapshot, &err);
     if (status != LW_OK) {
-        tell(store, status, &err);
+        log_first_failure(store, status, &err);
         return NULL;
     }
     lw_log(LW_LOG_INFO, "showing frame %llu of the last run until there is light",
@@ -101,7 +102,7 @@ uint64_t lw_light_store_resume(struct lw_light_store *store, const struct lw_atl
     uint64_t frames, last = store->newest ? store->newest->frame : 0;
     enum lw_status status = solver->ops->load(solver, store->sums_path, store->key, &frames, &err);
     if (status != LW_OK) {
-        tell(store, status, &err);
+        log_first_failure(store, status, &err);
         return last;
     }
     lw_log(LW_LOG_INFO, "going on after %llu frames of the last run", (unsigned long long)frames);

@@ -20,7 +20,7 @@
 /* The lossy codec's step, in units of log2, for a tile of relative error e:
  *     level 0             e: half of the other levels' step, so that the sides of a welded seam stay close
  *     level l             2 e / 2^l: a texel is the mean of 4^l texels of level 0
- *     noisy level 0       2 widest: views read only slivers of it (client/view/compose.c)
+ *     noisy level 0       2 widest: views read only slivers of it (client/view/compose/compose_look.c)
  * From LW_PUBLISHER_STEP_MIN to `widest`, times the step of the channel. One widest step for all tiles
  * costs the fewest bits for an error of the whole view. Its default keeps a view within 2 % of the uncoded
  * light (docs/lab/streaming.md). */

@@ -30,25 +30,25 @@ enum lw_status lw_blob_from_message(const struct lw_message *message, struct lw_
 
 /* Taking a reference needs no memory order: the caller holds one already. Dropping one is a release of this
  * thread's writes; dropping the last one acquires the writes of all threads before it frees. */
-static void take(_Atomic uint32_t *references) {
+static void add_reference(_Atomic uint32_t *references) {
     uint32_t before = atomic_fetch_add_explicit(references, 1, memory_order_relaxed);
     LW_INVARIANT(before - 1 < UINT32_MAX - 1); /* above 0, and there is one more */
     (void)before;
 }
 
-static bool drop(_Atomic uint32_t *references) {
+static bool drop_reference(_Atomic uint32_t *references) {
     uint32_t before = atomic_fetch_sub_explicit(references, 1, memory_order_acq_rel);
     LW_INVARIANT(before > 0);
     return before == 1;
 }
 
 struct lw_blob *lw_blob_ref(struct lw_blob *blob) {
-    take(&blob->references);
+    add_reference(&blob->references);
     return blob;
 }
 
 void lw_blob_unref(struct lw_blob *blob) {
-    if (blob && drop(&blob->references)) free(blob);
+    if (blob && drop_reference(&blob->references)) free(blob);
 }
 
 enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t channels, struct lw_snapshot **out_snapshot) {
@@ -69,12 +69,12 @@ enum lw_status lw_snapshot_create(uint32_t tile_count, uint32_t channels, struct
 }
 
 struct lw_snapshot *lw_snapshot_ref(struct lw_snapshot *snapshot) {
-    take(&snapshot->references);
+    add_reference(&snapshot->references);
     return snapshot;
 }
 
 void lw_snapshot_unref(struct lw_snapshot *snapshot) {
-    if (!snapshot || !drop(&snapshot->references)) return;
+    if (!snapshot || !drop_reference(&snapshot->references)) return;
     lw_blob_unref(snapshot->frame_delta);
     lw_blob_unref(snapshot->frame_full);
     lw_blob_unref(snapshot->settled);

@@ -25,7 +25,7 @@ struct lw_blob *lw_blob_ref(struct lw_blob *blob); /* returns blob */
 void lw_blob_unref(struct lw_blob *blob);          /* NULL is fine */
 
 /** Each frame has two version numbers of a tile. The second is the light as it was encoded. The first has
- * wider steps; it is made only for slow links (server/serve/transcoder.h). [any] */
+ * wider steps; it is made only for slow links (server/serve/tiles/transcoder.h). [any] */
 static inline uint64_t lw_snapshot_version(uint64_t frame) { return 2 * frame; }
 static inline uint64_t lw_snapshot_frame_of(uint64_t version) { return (version + 1) / 2; }
 static inline uint64_t lw_snapshot_coarse_version(uint64_t version) { return version - 1; }

@@ -4,7 +4,7 @@
 #include "common/control_path.h"
 #include "common/log.h"
 #include "common/program_path.h"
-#include "server/serve/exposure.h"
+#include "server/serve/admission/exposure.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -13,12 +13,12 @@
 
 #include "common/scene/scene_change.h"
 #include "server/publish/snapshot.h"
-#include "server/serve/passed_updates.h"
-#include "server/serve/relay_tree.h"
-#include "server/serve/server_limits.h"
-#include "server/serve/server_page.h"
-#include "server/serve/server_stats.h"
-#include "server/serve/tls_context.h"
+#include "server/serve/admission/server_limits.h"
+#include "server/serve/metrics/relay_tree.h"
+#include "server/serve/metrics/server_page.h"
+#include "server/serve/metrics/server_stats.h"
+#include "server/serve/sessions/passed_updates.h"
+#include "server/serve/transports/tls_context.h"
 
 /** Calls from the loop to the program that runs the server; all [loop]. A zero hook is not called. */
 struct lw_server_hooks {

@@ -1,6 +1,6 @@
 /* bench_codec: what tiles cost in each codec and what they lose, on light as the solver makes it.
  *
- *     bench_codec [--frames N] [--at SECONDS] [--dump FILE] SCENE...
+ *     bench_codec [--frames N] [--at SECONDS] SCENE...
  *
  * Each scene is solved as lightwelld does by default, at one moment; its tiles of all levels are taken after
  * 1, 16 and N frames, after eight further frames of movement, and after one more. One table
@@ -15,9 +15,7 @@
  *   Mtexel/s  of CPU time of one thread, of all texels of the tiles
  * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that
  * log-PSNR. "what changed": for a client that has the tile as it was a frame before, coded in the same way;
- * encoding makes both forms.
- * --dump writes the tiles: u32 set, u32 width, u32 height, f32 error, f32 dark (as the publisher has it),
- * f32 rgb[width*height*3], u8 covered[width*height]. */
+ * encoding makes both forms. */
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"
@@ -472,27 +470,10 @@ static enum lw_status compare(const struct job *job, const char *path) {
     return status;
 }
 
-static enum lw_status dump(const struct job *job, FILE *file) {
-    bool good = true;
-    for (unsigned s = 0; s < SETS; s++)
-        for (uint32_t i = 0; job->set[s] && i < job->map.tile_count; i++) {
-            const struct tile *t = &job->set[s][i];
-            const uint32_t head[] = {s, t->width, t->height};
-            const float noise[] = {t->error, dark_of(job)};
-            const size_t texels = (size_t)t->width * t->height;
-            good &= fwrite(head, sizeof head, 1, file) == 1 && fwrite(noise, sizeof noise, 1, file) == 1 &&
-                    fwrite(t->rgb, 12, texels, file) == texels &&
-                    fwrite(t->covered, 1, texels, file) == texels;
-        }
-    return good ? LW_OK : LW_IO;
-}
-
 struct settings {
     struct lw_scene_open open;
     int64_t frames;
     double at_s;
-    const char *dump_path;
-    FILE *file;
 };
 
 static enum lw_status run(void *context, const char *path, struct lw_error *err) {
@@ -514,7 +495,6 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
                                    &job.pose, &job.solver, err);
     if (status == LW_OK) status = solve(&job, (uint32_t)s->frames, s->at_s, err);
     if (status == LW_OK) status = find_y0(&job, job.set[2]);
-    if (status == LW_OK && s->file) status = dump(&job, s->file);
     if (status == LW_OK) status = compare(&job, path);
     drop_sets(&job);
     if (job.solver) job.solver->ops->destroy(job.solver);
@@ -522,31 +502,14 @@ static enum lw_status run(void *context, const char *path, struct lw_error *err)
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s", path);
 }
 
-static enum lw_status begin(void *context, struct lw_error *err) {
-    struct settings *s = context;
-    if (!s->dump_path) return LW_OK;
-    s->file = fopen(s->dump_path, "wb");
-    return s->file ? LW_OK : lw_status_fail(err, LW_IO, "%s", s->dump_path);
-}
-
 int main(int argc, char **argv) {
     struct settings s = {.frames = 256, .at_s = 3};
     const struct lw_option table[] = {
-        {"frames", "N", "of the solve, of 1 + 2 rays a texel, until light counts as clean (default 256)",
-         LW_OPTION_INT, &s.frames, 17, 100000, NULL},
+        BENCH_INT("frames", "of the solve, of 1 + 2 rays a texel, until light counts as clean (default 256)",
+                  &s.frames, 17, 100000),
         {"at", "SECONDS", "moment of the scene's animation (default 3)", LW_OPTION_REAL, &s.at_s, 0, 1e9,
-         NULL},
-        {"dump", "FILE", "write all tiles there", LW_OPTION_STRING, &s.dump_path, 0, 0, NULL}};
-    const int code =
-        bench_main(&(struct bench_program){.name = "bench_codec",
-                                           .about = "What tiles cost and lose in each codec, as tables.",
-                                           .table = table,
-                                           .count = sizeof table / sizeof table[0],
-                                           .open = &s.open,
-                                           .context = &s,
-                                           .begin = begin,
-                                           .run = run},
-                   argc, argv);
-    if (s.file && fclose(s.file) != 0) return perror(s.dump_path), 1;
-    return code;
+         NULL}};
+    return BENCH_MAIN(argc, argv, table, .name = "bench_codec",
+                      .about = "What tiles cost and lose in each codec, as tables.", .open = &s.open,
+                      .context = &s);
 }

@@ -17,7 +17,7 @@
  * With -o DIR the pictures as EXR, for bench_compare; with --dark no light is in their texels, so that the
  * ones with client lights are what "lightwell-view --path-trace --show direct" shows. */
 #include "client/paths/path_trace.h"
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 #include "common/clock.h"
 #include "common/image/image.h"
 #include "common/random.h"
@@ -263,29 +263,20 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
 int main(int argc, char **argv) {
     struct settings s = {.width = 1280, .height = 720, .rounds = 9, .bounces = 2};
     const struct lw_option table[] = {
-        {"width", "N", "pixels (default 1280)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
-        {"height", "N", "pixels (default 720)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
-        {"rounds", "N", "pictures; the median time of each kind is printed (default 9)", LW_OPTION_INT,
-         &s.rounds, 1, ROUNDS_MAX, NULL},
-        {"bounces", "N", "of the path tracer (default 2)", LW_OPTION_INT, &s.bounces, 0,
-         LW_PATH_TRACE_BOUNCES_MAX, NULL},
-        {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        BENCH_SIZE(&s, "1280", "720", 1, 1),
+        BENCH_ROUNDS(&s, ROUNDS_MAX),
+        BENCH_INT("bounces", "of the path tracer (default 2)", &s.bounces, 0, LW_PATH_TRACE_BOUNCES_MAX),
+        BENCH_TIME(&s),
         {"client-lights", "auto|none|NAMES", "whose direct light is drawn at pixels (default auto)",
          LW_OPTION_STRING, &s.lights, 0, 0, NULL},
         {"dark", NULL, "no light in the texels", LW_OPTION_FLAG, &s.dark, 0, 0, NULL},
-        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_compose",
-                                .about = "CPU time of a composed view, by the bare tracer's.",
-                                .operand = "SCENE[@CAMERA]",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .heading = "| scene | motion | raw | rays | compose | compose_over_raw | "
-                                           "drawn | drawn_over_compose | shadow rays a pixel | "
-                                           "directed_over_compose | path |\n"
-                                           "|---|---|---|---|---|---|---|---|---|---|---|",
-                                .run = run},
-        argc, argv);
+        BENCH_FOLDER(&s)};
+    return BENCH_MAIN(argc, argv, table, .name = "bench_compose",
+                      .about = "CPU time of a composed view, by the bare tracer's.",
+                      .operand = "SCENE[@CAMERA]",
+                      .heading = "| scene | motion | raw | rays | compose | compose_over_raw | "
+                                 "drawn | drawn_over_compose | shadow rays a pixel | "
+                                 "directed_over_compose | path |\n"
+                                 "|---|---|---|---|---|---|---|---|---|---|---|",
+                      .open = &s.open, .context = &s);
 }

@@ -125,7 +125,7 @@ static void publish(struct bench *b, uint64_t frame) {
 
 /* ---- clients ---- */
 
-static void *drop(void *context) {
+static void *drop_input(void *context) {
     struct bench *b = context;
     struct epoll_event event[EVENTS];
     while (!b->over) {
@@ -151,20 +151,20 @@ static void watch(struct bench *b, int client) {
     if (epoll_ctl(b->epoll, EPOLL_CTL_ADD, client, &event) < 0) give_up("epoll");
 }
 
-static void say(int s, const struct lw_message *message) {
+static void send_message(int s, const struct lw_message *message) {
     struct lw_blob *blob = message_blob(message);
     if (send(s, blob->bytes, blob->size, MSG_NOSIGNAL) != (ssize_t)blob->size) give_up("send");
     lw_blob_unref(blob);
 }
 
-static void greet(int s, uint64_t package_compressed_size) {
-    say(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
-    say(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST,
-                                .package_request.offset = package_compressed_size});
+static void send_hello(int s, uint64_t package_compressed_size) {
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST,
+                                         .package_request.offset = package_compressed_size});
 }
 
 /* The same by TLS. Nothing more will be said, so that what made it may go. */
-static void greet_by_tls(int s, SSL_CTX *trust, uint64_t package_compressed_size) {
+static void send_hello_by_tls(int s, SSL_CTX *trust, uint64_t package_compressed_size) {
     static uint8_t came[1u << 16];
     const struct lw_message said[] = {
         {.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION},
@@ -197,7 +197,7 @@ static uint64_t ask_size(uint16_t port) {
     struct lw_framing_header header;
     struct lw_message message;
     int s = dial(port);
-    say(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
+    send_message(s, &(struct lw_message){.type = LW_MESSAGE_HELLO, .hello.version = LW_WIRE_VERSION});
     if (recv(s, bytes, LW_FRAMING_HEADER_SIZE, MSG_WAITALL) != LW_FRAMING_HEADER_SIZE ||
         lw_framing_read_header(bytes, sizeof bytes, &header, NULL) != LW_OK ||
         recv(s, bytes, header.body_size, MSG_WAITALL) != (ssize_t)header.body_size ||
@@ -256,9 +256,9 @@ static struct row run_server(struct bench *b, SSL_CTX *trust, uint64_t *package_
     for (int64_t i = 0; i < b->clients; i++) {
         b->client[i] = dial(lw_server_port(b->server));
         if (trust)
-            greet_by_tls(b->client[i], trust, *package_size);
+            send_hello_by_tls(b->client[i], trust, *package_size);
         else
-            greet(b->client[i], *package_size);
+            send_hello(b->client[i], *package_size);
         watch(b, b->client[i]);
     }
     const uint64_t per_frame = (uint64_t)b->clients * b->map.tile_count;
@@ -285,8 +285,8 @@ static struct row run_server(struct bench *b, SSL_CTX *trust, uint64_t *package_
 /* ---- those who never read ---- */
 
 /* Reads bytes for a client, by its socket. */
-static void take(struct bench *b, int timeout_ms, uint64_t *got, void (*call)(void *, int client),
-                 void *context) {
+static void read_some(struct bench *b, int timeout_ms, uint64_t *got, void (*call)(void *, int client),
+                      void *context) {
     struct epoll_event event[EVENTS];
     const int ready = epoll_wait(b->epoll, event, EVENTS, timeout_ms);
     for (int i = 0; i < ready; i++) {
@@ -318,7 +318,7 @@ static void run_never_round(struct bench *b, uint64_t package_size, bool with, u
     int *silent = calloc((size_t)b->never, sizeof *silent);
     if (!silent) give_up("memory");
     for (int64_t i = 0; with && i < b->never; i++)
-        greet(silent[i] = dial(lw_server_port(b->server)), package_size);
+        send_hello(silent[i] = dial(lw_server_port(b->server)), package_size);
     struct waiting w = {.got = got};
     const uint64_t began_ns = lw_clock_ns();
     for (double elapsed_s = 0; elapsed_s < b->seconds;
@@ -328,7 +328,7 @@ static void run_never_round(struct bench *b, uint64_t package_size, bool with, u
         w.due = *due += b->snapshot_bytes + b->frame->size;
         w.published_ns = lw_clock_ns();
         publish(b, ++*frame);
-        while (w.left) take(b, 1000, got, note_arrival, &w);
+        while (w.left) read_some(b, 1000, got, note_arrival, &w);
         usleep(5000);
     }
     out_quantile[0] = (double)lw_histogram_quantile(&w.latency, 0.5);
@@ -353,11 +353,11 @@ static void run_never(struct bench *b) {
     for (int64_t i = 0; i < b->clients; i++) {
         b->client[i] = dial(lw_server_port(b->server));
         if (b->client[i] >= (int)(sizeof got / sizeof *got)) give_up("sockets");
-        greet(b->client[i], package_size);
+        send_hello(b->client[i], package_size);
         watch(b, b->client[i]);
     }
     const uint64_t end_ns = lw_clock_ns() + 2000000000u; /* all have the first one, and welcomes */
-    while (lw_clock_ns() < end_ns) take(b, 50, got, NULL, NULL);
+    while (lw_clock_ns() < end_ns) read_some(b, 50, got, NULL, NULL);
     memset(got, 0, sizeof got);
     for (int round = 0; round < 2 * NEVER_ROUNDS; round++) {
         double pair[2];
@@ -483,7 +483,7 @@ static void run_rows(struct bench *b) {
     struct lw_server_stats stats, unused;
     uint64_t package_size;
     SSL_CTX *trust = b->by_tls ? SSL_CTX_new(TLS_client_method()) : NULL; /* anybody */
-    if (pthread_create(&b->dropping, NULL, drop, b) != 0) give_up("a thread");
+    if (pthread_create(&b->dropping, NULL, drop_input, b) != 0) give_up("a thread");
     struct row server = run_server(b, NULL, &package_size, &stats), sealed = {0}, bare = run_bare(b);
     if (trust) sealed = run_server(b, trust, &package_size, &unused);
     SSL_CTX_free(trust);
@@ -507,7 +507,7 @@ static void run_rows(struct bench *b) {
            1e-6 * (double)stats.loop_lag_p99_ns, 1e-6 * (double)stats.loop_lag_max_ns);
 }
 
-static void run(struct bench *b) {
+static void measure(struct bench *b) {
     make_blobs(b);
     b->client = calloc((size_t)b->clients, sizeof *b->client);
     b->epoll = epoll_create1(EPOLL_CLOEXEC);
@@ -524,39 +524,33 @@ static void run(struct bench *b) {
     lw_atlas_map_finish(&b->map);
     lw_scene_destroy(b->scene);
 }
-static enum lw_status run_once(void *context, const char *none, struct lw_error *err) {
+static enum lw_status run(void *context, const char *none, struct lw_error *err) {
     (void)none, (void)err;
     struct rlimit limit;
     if (getrlimit(RLIMIT_NOFILE, &limit) == 0) {
         limit.rlim_cur = limit.rlim_max; /* two for each client */
         (void)setrlimit(RLIMIT_NOFILE, &limit);
     }
-    run(context);
+    measure(context);
     return LW_OK;
 }
 
 int main(int argc, char **argv) {
     struct bench b = {.clients = 1000, .payload = 1300, .tiles = 256, .seconds = 6};
     const struct lw_option table[] = {
-        {"clients", "N", "sessions (default 1000)", LW_OPTION_INT, &b.clients, 1, 9000, NULL},
+        BENCH_INT("clients", "sessions (default 1000)", &b.clients, 1, 9000),
         {"payload", "BYTES",
          "of a tile (default 1300, as the lossy codec makes them; the lossless one: 13000)", LW_OPTION_INT,
          &b.payload, 1, LW_MESSAGE_PAYLOAD_MAX, NULL},
-        {"tiles", "N", "of level 0; with the coarser ones a third more (default 256)", LW_OPTION_INT,
-         &b.tiles, 1, 4096, NULL},
-        {"never", "N", "clients more that never read, in every other round: tell what that costs the others",
-         LW_OPTION_INT, &b.never, 0, 9000, NULL},
+        BENCH_INT("tiles", "of level 0; with the coarser ones a third more (default 256)", &b.tiles, 1, 4096),
+        BENCH_INT("never",
+                  "clients more that never read, in every other round: tell what that costs the others",
+                  &b.never, 0, 9000),
         {"tls", NULL, "a row more: by TLS", LW_OPTION_FLAG, &b.by_tls, 0, 0, NULL},
         {"seconds", "S", "of each row or round (default 6: delays are told every 5)", LW_OPTION_REAL,
          &b.seconds, 0.01, 3600, NULL},
     };
-    return bench_main(&(struct bench_program){.name = "bench_fanout",
-                                              .about = "What it costs to hand snapshots to many sessions.",
-                                              .operand = "",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .runs_once = true,
-                                              .context = &b,
-                                              .run = run_once},
-                      argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_fanout",
+                      .about = "What it costs to hand snapshots to many sessions.", .operand = "",
+                      .context = &b, .runs_once = true);
 }

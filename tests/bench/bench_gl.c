@@ -309,20 +309,11 @@ static enum lw_status print_heading(void *context, struct lw_error *err) {
 int main(int argc, char **argv) {
     struct settings s = {.width = 1280, .height = 720, .rounds = 9};
     const struct lw_option table[] = {
-        {"width", "N", "pixels (default 1280)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
-        {"height", "N", "pixels (default 720)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
-        {"rounds", "N", "pictures; the median time of each kind is printed (default 9)", LW_OPTION_INT,
-         &s.rounds, 1, ROUNDS_MAX, NULL},
-        {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
+        BENCH_SIZE(&s, "1280", "720", 1, 1),
+        BENCH_ROUNDS(&s, ROUNDS_MAX),
+        BENCH_TIME(&s),
         {"finishes", NULL, "what materials' finishes cost", LW_OPTION_FLAG, &s.finishes, 0, 0, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_gl",
-                                              .about = "CPU time of a picture by OpenGL, by the composer's.",
-                                              .operand = "SCENE[@CAMERA]",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .begin = print_heading,
-                                              .run = run},
-                      argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_gl",
+                      .about = "CPU time of a picture by OpenGL, by the composer's.",
+                      .operand = "SCENE[@CAMERA]", .open = &s.open, .context = &s, .begin = print_heading);
 }

@@ -273,7 +273,7 @@ static bool drop_input(struct peer *p) {
     }
 }
 
-static ssize_t say_by_tls(struct peer *p) {
+static ssize_t write_next_by_tls(struct peer *p) {
     size_t unused = 0;
     if (!p->begin) { /* the ClientHello */
         p->begin = 1;
@@ -286,9 +286,9 @@ static ssize_t say_by_tls(struct peer *p) {
 }
 
 /* Returns bytes; below 0: it is closed. */
-static ssize_t say(struct peer *p) {
+static ssize_t write_next(struct peer *p) {
     const struct bytes *opening = &script.opening, *flood = &script.flood;
-    if (p->tls) return say_by_tls(p);
+    if (p->tls) return write_next_by_tls(p);
     if (p->begin < opening->size) {
         const size_t end = p->answered || !script.first ? opening->size : script.first;
         const ssize_t n = write_some(p->socket, opening->at + p->begin, end - p->begin);
@@ -369,7 +369,7 @@ int main(int argc, char **argv) {
             struct peer *p = &peer[i];
             if (p->socket < 0 || !wait[i].revents) continue;
             ssize_t n = wait[i].revents & ~POLLOUT && drop_input(p) ? -1 : 0;
-            if (n == 0 && wait[i].revents & POLLOUT) n = say(p);
+            if (n == 0 && wait[i].revents & POLLOUT) n = write_next(p);
             if (n >= 0) {
                 written += (uint64_t)n;
                 continue;

@@ -165,7 +165,7 @@ static const struct lw_scene_change reset = {.kind = LW_SCENE_CHANGE_RESET};
 
 static double ms_since(uint64_t since_ns, uint64_t now_ns) { return 1e-6 * (double)(now_ns - since_ns); }
 
-static void note(struct bench *b, const struct moment *moment) {
+static void add_moment(struct bench *b, const struct moment *moment) {
     if (b->moment_count == b->moment_capacity) {
         b->moment_capacity = 2 * b->moment_capacity + 64;
         b->moment = realloc(b->moment, b->moment_capacity * sizeof *b->moment);
@@ -250,7 +250,7 @@ static struct outcome follow(struct bench *b, const struct lw_scene_change *chan
             }
             latency_light_read(&b->light, b->client, b->now);
             moment.along = latency_light_share(&b->light, b->now);
-            note(b, &moment);
+            add_moment(b, &moment);
         }
         tiles_then = stats.tiles;
         outcome.converged = answered && now_ns - heard_ns > QUIET_NS && is_converged(b, &stats);

@@ -15,11 +15,12 @@ struct lw_solver_desc bench_light_desc(const struct lw_scene *scene, const struc
                                    .seed = seed};
 }
 
-float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count) {
+float *bench_light_gather(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t values,
+                          bench_light_texel *texel, size_t *out_count) {
     size_t count = 0;
     float *light = NULL;
     for (int pass = 0; pass < 2; pass++) {
-        if (pass && !(light = malloc((3 * count + 1) * sizeof *light))) return NULL;
+        if (pass && !(light = malloc((count + 1) * sizeof *light))) return NULL;
         count = 0;
         for (uint32_t id = 0; id < map->tile_count; id++) {
             if (map->place[id].level) continue;
@@ -27,14 +28,21 @@ float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_ma
             solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {
                 if (!tile.covered[i]) continue;
-                for (int c = 0; pass && c < 3; c++)
-                    light[3 * count + (size_t)c] = tile.direct[c][i] + tile.indirect[c][i];
-                count++;
+                if (pass) texel(&tile, i, light + count);
+                count += values;
             }
         }
     }
-    *out_count = 3 * count;
+    *out_count = count;
     return light;
+}
+
+static void add_sums(const struct lw_solver_tile *tile, uint32_t i, float *out) {
+    for (int c = 0; c < 3; c++) out[c] = tile->direct[c][i] + tile->indirect[c][i];
+}
+
+float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count) {
+    return bench_light_gather(solver, map, 3, add_sums, out_count);
 }
 
 double bench_light_epsilon(const float *reference, size_t count) {

@@ -10,8 +10,15 @@
 struct lw_solver_desc bench_light_desc(const struct lw_scene *scene, const struct lw_atlas_map *map,
                                        double error, uint32_t seed);
 
-/** The light of all covered texels, unfiltered, three values each; the caller frees. *out_count: values.
- * NULL: no memory. */
+/** Writes the values of texel i of a tile. */
+typedef void bench_light_texel(const struct lw_solver_tile *tile, uint32_t i, float *out);
+
+/** `values` of each covered texel of level 0, in the order of tiles; the caller frees. *out_count: values in
+ * all. NULL: no memory. */
+float *bench_light_gather(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t values,
+                          bench_light_texel *texel, size_t *out_count);
+
+/** The same of three values each: all light, unfiltered. */
 float *bench_read_light(const struct lw_solver *solver, const struct lw_atlas_map *map, size_t *out_count);
 
 /** The epsilon of relMSE: 1 % of the mean of the reference's squares. */

@@ -91,7 +91,7 @@ static void poll_all(void) {
     }
 }
 
-static void join(struct viewer *v, const char *port) {
+static void connect_viewer(struct viewer *v, const char *port) {
     struct lw_error err = {0};
     const struct lw_client_desc desc = {.host = "127.0.0.1",
                                         .port = (uint16_t)atoi(port),
@@ -109,7 +109,7 @@ int main(int argc, char **argv) {
         fprintf(stderr, "bench_relay SECONDS PORT PORT...\n");
         return 64;
     }
-    for (viewers = 0; viewers < argc - 2; viewers++) join(&viewer[viewers], argv[2 + viewers]);
+    for (viewers = 0; viewers < argc - 2; viewers++) connect_viewer(&viewer[viewers], argv[2 + viewers]);
     const uint64_t warm_ns = lw_clock_ns() + WARM_NS;
     for (bool all = false; !all;) { /* all have light, and what they want is known */
         poll_all();

@@ -300,23 +300,20 @@ int main(int argc, char **argv) {
                          .motion = LW_SCENE_MOTION_ALL,
                          .vpl_sets = "8"};
     const struct lw_option table[] = {
-        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0,
-         LW_PATH_TRACE_BOUNCES_MAX, NULL},
-        {"reference", "N", "samples of the reference (default 512)", LW_OPTION_INT, &s.reference, 2, 1 << 20,
-         NULL},
-        {"frames", "N", "pictures on the way (default 16)", LW_OPTION_INT, &s.frames, 1, 1 << 20, NULL},
-        {"width", "N", "pixels (default 320)", LW_OPTION_INT, &s.width, 1, 16384, NULL},
-        {"height", "N", "pixels (default 180)", LW_OPTION_INT, &s.height, 1, 16384, NULL},
-        {"spp-min", "N", "fewest samples per pixel (default 1)", LW_OPTION_INT, &s.spp_min, 1, 1 << 16, NULL},
-        {"spp-max", "N", "most of them (default 8)", LW_OPTION_INT, &s.spp_max, 1, 1 << 16, NULL},
+        BENCH_BOUNCES(&s, LW_PATH_TRACE_BOUNCES_MAX),
+        BENCH_INT("reference", "samples of the reference (default 512)", &s.reference, 2, 1 << 20),
+        BENCH_INT("frames", "pictures on the way (default 16)", &s.frames, 1, 1 << 20),
+        BENCH_SIZE(&s, "320", "180", 1, 1),
+        BENCH_INT("spp-min", "fewest samples per pixel (default 1)", &s.spp_min, 1, 1 << 16),
+        BENCH_INT("spp-max", "most of them (default 8)", &s.spp_max, 1, 1 << 16),
         {"move", "METRES", "the camera's way per picture, to its right (default 0.02)", LW_OPTION_REAL,
          &s.move_m, -1e6, 1e6, NULL},
         {"turn", "DEG", "its turn per picture, to its left (default 0.5)", LW_OPTION_REAL, &s.turn_deg, -180,
          180, NULL},
         {"renderers", "LIST", "those to measure, apart by commas (default: all)", LW_OPTION_STRING,
          &s.renderers, 0, 0, NULL},
-        {"vpl-lights", "N", "virtual point lights of vpl (default 512)", LW_OPTION_INT, &s.vpl_lights, 0,
-         LW_INSTANT_RADIOSITY_LIGHTS_MAX, NULL},
+        BENCH_INT("vpl-lights", "virtual point lights of vpl (default 512)", &s.vpl_lights, 0,
+                  LW_INSTANT_RADIOSITY_LIGHTS_MAX),
         {"vpl-sets", "LIST", "sets that they come in, apart by commas (default 8)", LW_OPTION_STRING,
          &s.vpl_sets, 0, 0, NULL},
         {"vpl-near", "METRES",
@@ -328,16 +325,8 @@ int main(int argc, char **argv) {
          &s.step_s, 0, 1e9, NULL},
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves but the camera (default all)", LW_OPTION_CHOICE,
          &s.motion, 0, 0, NULL},
-        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_renderers",
-                                .about = "The error and cost of few paths per pixel, by each path renderer.",
-                                .operand = "SCENE[@CAMERA]",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .folder = &s.folder,
-                                .run = run},
-        argc, argv);
+        BENCH_FOLDER(&s)};
+    return BENCH_MAIN(argc, argv, table, .name = "bench_renderers",
+                      .about = "The error and cost of few paths per pixel, by each path renderer.",
+                      .operand = "SCENE[@CAMERA]", .open = &s.open, .folder = &s.folder, .context = &s);
 }

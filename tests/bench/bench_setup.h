@@ -1,4 +1,4 @@
-/* bench_setup.h: what the programs of this folder share: their command line, a scene made ready, medians.
+/* bench_setup.h: the frame of this folder's programs: command line, rows of options, scenes, medians.
  * Threads: main() only. */
 #ifndef LW_TESTS_BENCH_SETUP_H
 #define LW_TESTS_BENCH_SETUP_H
@@ -27,6 +27,31 @@ struct bench_program {
 
 /** main() of it: parses, begins, runs scene by scene until one fails. */
 int bench_main(const struct bench_program *program, int argc, char **argv);
+
+/** bench_main() of an array of options and a function run(), with more fields of struct bench_program. */
+#define BENCH_MAIN(argc, argv, rows, ...)                                                                    \
+    bench_main(                                                                                              \
+        &(struct bench_program){                                                                             \
+            .table = rows, .count = sizeof(rows) / sizeof(rows)[0], .run = run, __VA_ARGS__},                \
+        argc, argv)
+
+/* Rows of options that several programs have. A default is a literal, for the help. */
+/* clang-format off */
+#define BENCH_INT(name, help, value, least, most)                                                            \
+    {name, "N", help, LW_OPTION_INT, value, least, most, NULL}
+#define BENCH_SIZE(settings, width_default, height_default, width_min, height_min)                           \
+    BENCH_INT("width", "pixels (default " width_default ")", &(settings)->width, width_min, 16384),          \
+    BENCH_INT("height", "pixels (default " height_default ")", &(settings)->height, height_min, 16384)
+#define BENCH_BOUNCES(settings, most)                                                                        \
+    BENCH_INT("bounces", "indirect bounces (default 2)", &(settings)->bounces, 0, most)
+#define BENCH_ROUNDS(settings, most)                                                                         \
+    BENCH_INT("rounds", "pictures; the median time of each kind is printed (default 9)",                     \
+              &(settings)->rounds, 1, most)
+#define BENCH_TIME(settings)                                                                                 \
+    {"time", "SECONDS", "of the animation (default 0)", LW_OPTION_REAL, &(settings)->time_s, 0, 1e9, NULL}
+#define BENCH_FOLDER(settings)                                                                               \
+    {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &(settings)->folder, 0, 0, NULL}
+/* clang-format on */
 
 /** The last part of a scene's path, up to '@', behind which some programs take a camera. buffer: of at least
  * 64 bytes. */

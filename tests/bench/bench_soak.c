@@ -24,7 +24,7 @@ struct host {
     uint16_t port;
 };
 
-static struct lw_client *join(const struct host *host, const struct lw_client *scene_of) {
+static struct lw_client *connect_client(const struct host *host, const struct lw_client *scene_of) {
     struct lw_client *client = NULL;
     struct lw_error err = {0};
     const struct lw_client_desc desc = {.host = host->name,
@@ -37,7 +37,7 @@ static struct lw_client *join(const struct host *host, const struct lw_client *s
 }
 
 /* Takes in messages; a lost client comes back, if need be to another scene. */
-static void attend(struct lw_client *client, uint64_t *losses) {
+static void poll_client(struct lw_client *client, uint64_t *losses) {
     struct lw_error err = {0};
     if (!client || !lw_client_poll(client, POLL_MS, &err)) return;
     ++*losses;
@@ -112,7 +112,7 @@ static bool wait_for_rest(struct lw_client **client, unsigned count, uint64_t *l
         bool rest = true;
         uint64_t first = 0, frame;
         for (unsigned i = 0; i < count; i++) {
-            attend(client[i], losses);
+            poll_client(client[i], losses);
             if (!client[i]) return false;
             rest = is_at_rest(client[i], &frame) && rest;
             if (!i) first = frame;
@@ -129,7 +129,7 @@ static void compare_all(const struct host *host, struct lw_client **client, unsi
                         uint64_t *losses) {
     struct verdict all = {0};
     unsigned compared = 0;
-    client[count] = join(host, NULL); /* with nothing of the others */
+    client[count] = connect_client(host, NULL); /* with nothing of the others */
     const bool rest = client[count] && wait_for_rest(client, count + 1, losses);
     for (unsigned i = 0; rest && i < count; i++) {
         if (memcmp(lw_client_package_hash(client[i]), lw_client_package_hash(client[count]),
@@ -161,7 +161,7 @@ int main(int argc, char **argv) {
     host.port = (uint16_t)strtoul(colon + 1, NULL, 10);
     uint64_t losses = 0;
     for (unsigned i = 0; i < count; i++)
-        if (!(client[i] = join(&host, i ? client[0] : NULL))) return 69;
+        if (!(client[i] = connect_client(&host, i ? client[0] : NULL))) return 69;
     for (;;) {
         struct pollfd order = {.fd = STDIN_FILENO, .events = POLLIN};
         char line[64];
@@ -169,7 +169,7 @@ int main(int argc, char **argv) {
             if (read(STDIN_FILENO, line, sizeof line) <= 0) break;
             compare_all(&host, client, count, &losses);
         }
-        for (unsigned i = 0; i < count; i++) attend(client[i], &losses);
+        for (unsigned i = 0; i < count; i++) poll_client(client[i], &losses);
     }
     for (unsigned i = count; i-- > 0;) lw_client_destroy(client[i]);
     return 0;

@@ -244,23 +244,14 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
 
 int main(int argc, char **argv) {
     struct settings s = {.rounds = 7, .bounces = 2, .direct_samples = 1, .indirect_samples = 2};
-    const struct lw_option table[] = {{"rounds", "N",
-                                       "of two frames of each solver; medians are printed (default 7)",
-                                       LW_OPTION_INT, &s.rounds, 1, ROUNDS_MAX, NULL},
-                                      {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT,
-                                       &s.bounces, 1, LW_SOLVER_BOUNCES_MAX, NULL},
-                                      {"direct-samples", "N", "per texel and frame (default 1)",
-                                       LW_OPTION_INT, &s.direct_samples, 1, 1024, NULL},
-                                      {"indirect-samples", "N", "per texel and frame (default 2)",
-                                       LW_OPTION_INT, &s.indirect_samples, 1, 1024, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_solve",
-                                .about = "The kernels of a frame: rates, shares, and their distance to "
-                                         "bare rays, as tables in Markdown.",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .run = run},
-        argc, argv);
+    const struct lw_option table[] = {
+        BENCH_INT("rounds", "of two frames of each solver; medians are printed (default 7)", &s.rounds, 1,
+                  ROUNDS_MAX),
+        BENCH_INT("bounces", "indirect bounces (default 2)", &s.bounces, 1, LW_SOLVER_BOUNCES_MAX),
+        BENCH_INT("direct-samples", "per texel and frame (default 1)", &s.direct_samples, 1, 1024),
+        BENCH_INT("indirect-samples", "per texel and frame (default 2)", &s.indirect_samples, 1, 1024)};
+    return BENCH_MAIN(argc, argv, table, .name = "bench_solve",
+                      .about = "The kernels of a frame: rates, shares, and their distance to "
+                               "bare rays, as tables in Markdown.",
+                      .open = &s.open, .context = &s);
 }

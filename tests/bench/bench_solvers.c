@@ -141,20 +141,13 @@ static double error_of(const struct truth *truth, const float *all, double *out_
     return truth->count ? error / (double)truth->count : 0;
 }
 
-/* Luminance of indirect light, of all texels; the caller frees. NULL: no memory. */
+static void indirect_luminance(const struct lw_solver_tile *tile, uint32_t i, float *out) {
+    *out = lw_colour_luminance(lw_vec3(tile->indirect[0][i], tile->indirect[1][i], tile->indirect[2][i]));
+}
+
 static float *read_indirect(const struct job *job, const struct lw_solver *solver) {
-    float *light = malloc((job->texels + 1) * sizeof *light);
-    size_t count = 0;
-    for (uint32_t id = 0; light && id < job->map.tile_count; id++) {
-        struct lw_solver_tile tile;
-        if (job->map.place[id].level) continue;
-        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        for (uint32_t i = 0; i < tile.width * tile.height; i++)
-            if (tile.covered[i])
-                light[count++] = lw_colour_luminance(
-                    lw_vec3(tile.indirect[0][i], tile.indirect[1][i], tile.indirect[2][i]));
-    }
-    return light;
+    size_t count;
+    return bench_light_gather(solver, &job->map, 1, indirect_luminance, &count);
 }
 
 static enum lw_status by_cells(struct job *job, const struct lw_pose *pose, uint32_t seed, float **out_light,
@@ -588,19 +581,14 @@ static double indirect_error(const struct job *job, const struct lw_solver *solv
     return error;
 }
 
-/* Shown light, as bench_read_light(): filtered and welded. */
+static void shown_light(const struct lw_solver_tile *tile, uint32_t i, float *out) {
+    for (int c = 0; c < 3; c++) out[c] = tile->shown[LW_LIGHT_FORM_FULL][c][i];
+}
+
+/* Filtered and welded. */
 static float *read_shown(const struct job *job, const struct lw_solver *solver) {
-    float *light = malloc((3 * job->texels + 1) * sizeof *light);
-    size_t count = 0;
-    for (uint32_t id = 0; light && id < job->map.tile_count; id++) {
-        struct lw_solver_tile tile;
-        if (job->map.place[id].level) continue;
-        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        for (uint32_t i = 0; i < tile.width * tile.height; i++)
-            for (int c = 0; tile.covered[i] && c < 3; c++)
-                light[count++] = tile.shown[LW_LIGHT_FORM_FULL][c][i];
-    }
-    return light;
+    size_t count;
+    return bench_light_gather(solver, &job->map, 3, shown_light, &count);
 }
 
 static enum lw_status print_early(struct job *job, const struct entrant *e, struct lw_error *err) {
@@ -777,14 +765,10 @@ int main(int argc, char **argv) {
     struct settings s = {
         .bounces = 2, .reference = 256, .spp = 768, .texels = 4096, .seconds = 60, .pairs = 2e9};
     const struct lw_option table[] = {
-        {"bounces", "N", "indirect (default 2; with --passes 1)", LW_OPTION_INT, &s.bounces, 0,
-         LW_SOLVER_BOUNCES_MAX, NULL},
-        {"reference", "N", "frames of the truths by cells (default 256)", LW_OPTION_INT, &s.reference, 1,
-         1000000, NULL},
-        {"spp", "N", "paths of a texel in the truth by paths (default 768)", LW_OPTION_INT, &s.spp, TURNS,
-         1 << 20, NULL},
-        {"texels", "N", "texels of the truth by paths (default 4096)", LW_OPTION_INT, &s.texels, ROW, 1 << 20,
-         NULL},
+        BENCH_INT("bounces", "indirect (default 2; with --passes 1)", &s.bounces, 0, LW_SOLVER_BOUNCES_MAX),
+        BENCH_INT("reference", "frames of the truths by cells (default 256)", &s.reference, 1, 1000000),
+        BENCH_INT("spp", "paths of a texel in the truth by paths (default 768)", &s.spp, TURNS, 1 << 20),
+        BENCH_INT("texels", "texels of the truth by paths (default 4096)", &s.texels, ROW, 1 << 20),
         {"seconds", "S", "CPU time of a row, at most and twice: before and after the movement (default 60)",
          LW_OPTION_REAL, &s.seconds, 1e-3, 1e6, NULL},
         {"pairs", "N", "of a pass at most; what takes more is not run (default 2e9)", LW_OPTION_REAL,
@@ -799,15 +783,7 @@ int main(int argc, char **argv) {
         {"points", NULL, "what sets of virtual point lights gain and lose, instead", LW_OPTION_FLAG,
          &s.points, 0, 0, NULL},
         {"still", NULL, "no lamp moves", LW_OPTION_FLAG, &s.still, 0, 0, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_solvers",
-                                              .about = "The solvers at equal error.",
-                                              .operand = "SCENE[@CAMERA]",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .folder = &s.folder,
-                                              .begin = begin,
-                                              .context = &s,
-                                              .run = run},
-                      argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_solvers", .about = "The solvers at equal error.",
+                      .operand = "SCENE[@CAMERA]", .open = &s.open, .folder = &s.folder, .context = &s,
+                      .begin = begin);
 }

@@ -26,9 +26,9 @@
  *   for */
 #include "client/lib/replica.h"
 #include "client/measure/sides/views.h"
-#include "client/view/attention.h"
-#include "client/view/compose.h"
-#include "client/view/drawn_lights.h"
+#include "client/view/compose/attention.h"
+#include "client/view/compose/compose.h"
+#include "client/view/lights/drawn_lights.h"
 #include "common/clock.h"
 #include "common/folders.h"
 #include "common/scene/package.h"
@@ -378,8 +378,8 @@ static enum lw_status open_client(const struct job *job, uint16_t port, struct c
     return status == LW_OK ? lw_attention_init(&c->attention, job->map.tile_count) : status;
 }
 
-static enum lw_status look(const struct job *job, struct client *c, const struct lw_compose_view *view,
-                           uint64_t frame) {
+static enum lw_status set_interest(const struct job *job, struct client *c,
+                                   const struct lw_compose_view *view, uint64_t frame) {
     const struct lw_compose_source source = lw_compose_source_of(c->link);
     lw_compose_survey(c->compose, &source, &c->pose, view);
     lw_attention_list(&c->attention, lw_compose_around(c->compose), lw_compose_around(c->compose),
@@ -425,7 +425,7 @@ static enum lw_status replay(const struct job *job, struct lw_server *server, st
         late += now_ns > due_ns + step_ns / 4;
         due_ns = (now_ns > due_ns ? now_ns : due_ns) + step_ns;
         lw_server_publish(server, job->moment[f].snapshot);
-        status = look(job, c, &view, f + 1);
+        status = set_interest(job, c, &view, f + 1);
         if (status == LW_OK) status = poll_until(c, due_ns, err);
         if (status == LW_OK) status = compose(job, c, &view, err);
         if (status != LW_OK) break;
@@ -452,7 +452,7 @@ static void *serve(void *context) {
     return NULL;
 }
 
-static void tell(const struct job *job, double link, const struct figures *f) {
+static void print_link(const struct job *job, double link, const struct figures *f) {
     const struct settings *s = job->settings;
     const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
     double mbit = 0, peak = 0, error = 0, of_link = 0, worst = 0, joined = (double)NAN;
@@ -504,7 +504,7 @@ static enum lw_status run_link(struct job *job, double link, bool quiet, struct 
     if (pthread_create(&thread, NULL, serve, server) != 0) return lw_status_fail(err, LW_OS, "a thread");
     status = open_client(job, lw_server_port(server), &client, err);
     if (status == LW_OK && !quiet) status = replay(job, server, &client, &figures, err);
-    if (status == LW_OK && !quiet) tell(job, link, &figures);
+    if (status == LW_OK && !quiet) print_link(job, link, &figures);
     lw_server_stop(server);
     pthread_join(thread, NULL);
     close_client(&client);
@@ -553,7 +553,7 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     return status;
 }
 
-static void tell_steps(const struct job *job) {
+static void print_steps(const struct job *job) {
     const struct settings *s = job->settings;
     const uint32_t second = (uint32_t)ceil(s->hz), frames = (uint32_t)s->frames;
     double off[STEPS] = {0};
@@ -577,7 +577,7 @@ static enum lw_status light_all(struct job *job, struct lw_error *err) {
     for (uint64_t f = 1; status == LW_OK && f <= (uint64_t)job->settings->frames; f++)
         status = light_frame(job, &light, f, err);
     close_light(&light);
-    if (status == LW_OK) tell_steps(job);
+    if (status == LW_OK) print_steps(job);
     return status;
 }
 
@@ -629,7 +629,7 @@ int main(int argc, char **argv) {
     static struct settings s = {
         .frames = 60, .width = 1280, .height = 720, .hz = 10, .slow = 4, .links = "0,3,1"};
     const struct lw_option table[] = {
-        {"frames", "N", "frames that are solved (default 60)", LW_OPTION_INT, &s.frames, 3, 10000, NULL},
+        BENCH_INT("frames", "frames that are solved (default 60)", &s.frames, 3, 10000),
         {"hz", "HZ", "of them for a second of the scene (default 10)", LW_OPTION_REAL, &s.hz, 0.1, 60, NULL},
         {"motion", "own|light", "what moves: as the scene says (default), or lamps alone", LW_OPTION_CHOICE,
          &s.motion, 0, 0, NULL},
@@ -644,13 +644,7 @@ int main(int argc, char **argv) {
         {"step-widest", "STEP", "of the codec, log2 (default: the publisher's)", LW_OPTION_REAL,
          &s.step_widest, 0, 2, NULL},
         {"csv", "FILE", "also write each frame there", LW_OPTION_STRING, &s.csv_path, 0, 0, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_stream",
-                                .about = "What a walking client's view costs and how far it is off.",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .open = &s.open,
-                                .context = &s,
-                                .run = run},
-        argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_stream",
+                      .about = "What a walking client's view costs and how far it is off.", .open = &s.open,
+                      .context = &s);
 }

@@ -11,8 +11,8 @@
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_view.h"
 #include "client/paths/camera_default.h"
-#include "client/view/seeker.h"
-#include "client/view/stage.h"
+#include "client/view/compose/stage.h"
+#include "client/view/window/seeker.h"
 #include "common/clock.h"
 #include "tests/bench/bench_setup.h"
 
@@ -188,18 +188,10 @@ int main(int argc, char **argv) {
     const struct lw_option table[] = {
         {"budget-ms", "MS", "a poll takes no message in after this (default 2)", LW_OPTION_REAL, &s.budget_ms,
          0.01, 1000, NULL},
-        {"tiles", "N", "that a picture takes over at most (default 32)", LW_OPTION_INT, &s.tiles, 1, 100000,
-         NULL},
+        BENCH_INT("tiles", "that a picture takes over at most (default 32)", &s.tiles, 1, 100000),
         {"seconds", "S", "how long (default 10)", LW_OPTION_REAL, &s.seconds, 1, 1000, NULL}};
-    return bench_main(
-        &(struct bench_program){.name = "bench_take",
-                                .about = "Measures what taking tiles in costs the thread that draws.",
-                                .operand = "[HOST:PORT]",
-                                .table = table,
-                                .count = sizeof table / sizeof table[0],
-                                .runs_once = true,
-                                .by_default = LW_OPTIONS_ADDRESS,
-                                .context = &s,
-                                .run = run},
-        argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_take",
+                      .about = "Measures what taking tiles in costs the thread that draws.",
+                      .operand = "[HOST:PORT]", .context = &s, .runs_once = true,
+                      .by_default = LW_OPTIONS_ADDRESS);
 }

@@ -8,7 +8,7 @@
  * three.js' MikkTSpace. Tangents of the file do not count. */
 #include "common/shading/tangent.h"
 #include "common/status.h"
-#include "server/import/mesh_tangents.h"
+#include "server/import/mesh/mesh_tangents.h"
 #include "tests/bench/bench_setup.h"
 
 #include <stdio.h>
@@ -115,13 +115,7 @@ int main(int argc, char **argv) {
     struct settings s = {.folder = "."};
     const struct lw_option table[] = {
         {"o", "DIR", "write the corners there (default: here)", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
-    return bench_main(&(struct bench_program){.name = "bench_tangents",
-                                              .about = "The tangents of a scene's normal maps.",
-                                              .table = table,
-                                              .count = sizeof table / sizeof *table,
-                                              .folder = &s.folder,
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .run = run},
-                      argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_tangents",
+                      .about = "The tangents of a scene's normal maps.", .open = &s.open, .folder = &s.folder,
+                      .context = &s);
 }

@@ -395,16 +395,12 @@ int main(int argc, char **argv) {
                          .height = 270,
                          .range = (double)INFINITY};
     const struct lw_option table[] = {
-        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s.bounces, 0, LW_SOLVER_BOUNCES_MAX,
-         NULL},
-        {"spp", "N", "paths per pixel (default 256)", LW_OPTION_INT, &s.spp, 16, 1 << 20, NULL},
-        {"frames", "N", "frames of each solve (default 128)", LW_OPTION_INT, &s.frames, 1, 1 << 20, NULL},
-        {"direct-samples", "N", "per texel and frame (default 2)", LW_OPTION_INT, &s.direct_samples, 1, 1024,
-         NULL},
-        {"indirect-samples", "N", "per texel and frame (default 4)", LW_OPTION_INT, &s.indirect_samples, 1,
-         1024, NULL},
-        {"width", "N", "pixels (default 480)", LW_OPTION_INT, &s.width, 8, 16384, NULL},
-        {"height", "N", "pixels (default 270)", LW_OPTION_INT, &s.height, 6, 16384, NULL},
+        BENCH_BOUNCES(&s, LW_SOLVER_BOUNCES_MAX),
+        BENCH_INT("spp", "paths per pixel (default 256)", &s.spp, 16, 1 << 20),
+        BENCH_INT("frames", "frames of each solve (default 128)", &s.frames, 1, 1 << 20),
+        BENCH_INT("direct-samples", "per texel and frame (default 2)", &s.direct_samples, 1, 1024),
+        BENCH_INT("indirect-samples", "per texel and frame (default 4)", &s.indirect_samples, 1, 1024),
+        BENCH_SIZE(&s, "480", "270", 8, 6),
         {"tracing-range", "METRES", "as lightwelld's (default inf)", LW_OPTION_REAL, &s.range, 1e-6,
          (double)INFINITY, NULL},
         {"time", "SECONDS", "of the scene's animation (default 0)", LW_OPTION_REAL, &s.time_s, 0, 1e9, NULL},
@@ -414,20 +410,12 @@ int main(int argc, char **argv) {
          "share of tiles' errors that views see, and read coarser levels where it is much (default 0: never)",
          LW_OPTION_REAL, &s.noise_shown, 0, 1, NULL},
         {"list", NULL, "every region and object that does not obey", LW_OPTION_FLAG, &s.list, 0, 0, NULL},
-        {"o", "DIR", "write the pictures there", LW_OPTION_STRING, &s.folder, 0, 0, NULL}};
-    return bench_main(
-        &(struct bench_program){
-            .name = "bench_trust",
-            .about = "Compares the solve with the path tracer, region by region.",
-            .operand = "SCENE[@CAMERA]",
-            .table = table,
-            .count = sizeof table / sizeof table[0],
-            .open = &s.open,
-            .context = &s,
-            .folder = &s.folder,
-            .heading = "| scene | camera | texels/m | texels | ratio of means | worst region | regions "
-                       "within | relMSE | view error | solve s | paths s |\n"
-                       "|---|---|---|---|---|---|---|---|---|---|---|",
-            .run = run},
-        argc, argv);
+        BENCH_FOLDER(&s)};
+    return BENCH_MAIN(
+        argc, argv, table, .name = "bench_trust",
+        .about = "Compares the solve with the path tracer, region by region.", .operand = "SCENE[@CAMERA]",
+        .heading = "| scene | camera | texels/m | texels | ratio of means | worst region | regions "
+                   "within | relMSE | view error | solve s | paths s |\n"
+                   "|---|---|---|---|---|---|---|---|---|---|---|",
+        .open = &s.open, .folder = &s.folder, .context = &s);
 }

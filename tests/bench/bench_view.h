@@ -6,7 +6,7 @@
 #define LW_TESTS_BENCH_VIEW_H
 
 #include "client/camera/camera.h"
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 #include "server/publish/levels.h"
 #include "server/solve/solver.h"
 

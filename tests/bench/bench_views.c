@@ -206,7 +206,7 @@ static enum lw_status look_at_view(struct scene *s, uint32_t i, struct lw_error 
     return status;
 }
 
-static enum lw_status look(struct scene *s, struct lw_error *err) {
+static enum lw_status print_views(struct scene *s, struct lw_error *err) {
     const struct settings *o = s->settings;
     struct lw_scene_motion_report report;
     enum lw_status status = lw_scene_motion_set(s->scene, (enum lw_scene_motion)o->motion, &report, err);
@@ -231,7 +231,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     if (status != LW_OK) return status;
     status = o->pick ? lw_fixed_views_pick(&s.views, s.scene, (unsigned)o->open.threads, err)
                      : lw_fixed_views_init(&s.views, s.scene, (unsigned)o->open.threads, err);
-    if (status == LW_OK) status = look(&s, err);
+    if (status == LW_OK) status = print_views(&s, err);
     lw_path_world_finish(&s.world);
     lw_scene_destroy(s.scene);
     return status;
@@ -245,22 +245,15 @@ int main(int argc, char **argv) {
         {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default static)", LW_OPTION_CHOICE, &s.motion, 0, 0,
          NULL},
         {"lag", NULL, "measure light that is a second late", LW_OPTION_FLAG, &s.lag, 0, 0, NULL},
-        {"moments", "N", "from 2 to 6 s at which it is measured (default 3; 1: at 2 s)", LW_OPTION_INT,
-         &s.moments, 1, 1000, NULL},
+        BENCH_INT("moments", "from 2 to 6 s at which it is measured (default 3; 1: at 2 s)", &s.moments, 1,
+                  1000),
         {"at", "S", "the pictures' moment (default 3)", LW_OPTION_REAL, &s.at_s, 0, 1e6, NULL},
-        {"width", "N", "of pictures (default 192)", LW_OPTION_INT, &s.width, 16, 4096, NULL},
-        {"height", "N", "of pictures (default 108)", LW_OPTION_INT, &s.height, 16, 4096, NULL},
-        {"samples", "N", "paths per pixel (default 32)", LW_OPTION_INT, &s.samples, 2, 65536, NULL},
-        {"bounces", "N", "of indirect light (default 2)", LW_OPTION_INT, &s.bounces, 0, 16, NULL},
+        BENCH_INT("width", "of pictures (default 192)", &s.width, 16, 4096),
+        BENCH_INT("height", "of pictures (default 108)", &s.height, 16, 4096),
+        BENCH_INT("samples", "paths per pixel (default 32)", &s.samples, 2, 65536),
+        BENCH_INT("bounces", "of indirect light (default 2)", &s.bounces, 0, 16),
         {"o", "DIR", "folder for pictures", LW_OPTION_STRING, &s.folder, 0, 0, NULL},
     };
-    return bench_main(&(struct bench_program){.name = "bench_views",
-                                              .about = "Prints the fixed views of scenes.",
-                                              .table = table,
-                                              .count = sizeof table / sizeof table[0],
-                                              .open = &s.open,
-                                              .context = &s,
-                                              .folder = &s.folder,
-                                              .run = run},
-                      argc, argv);
+    return BENCH_MAIN(argc, argv, table, .name = "bench_views", .about = "Prints the fixed views of scenes.",
+                      .open = &s.open, .folder = &s.folder, .context = &s);
 }

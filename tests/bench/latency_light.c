@@ -1,6 +1,6 @@
 #include "tests/bench/latency_light.h"
 
-#include "client/view/stage.h"
+#include "client/view/compose/stage.h"
 #include "common/checked_file.h"
 #include "common/clock.h"
 #include "common/log.h"
@@ -146,7 +146,7 @@ static void show_pixels(const struct latency_light *l, const struct lw_stage *st
 }
 
 /* What the picture takes of what a client has now. */
-static void look(const struct latency_light *l, struct lw_client *client, struct fresh *out) {
+static void read_light_of(const struct latency_light *l, struct lw_client *client, struct fresh *out) {
     const struct lw_compose_view view = {.camera = l->camera, .width = WIDTH, .height = HEIGHT};
     struct lw_compose_report report;
     struct lw_stage stage;
@@ -233,7 +233,7 @@ void latency_light_judge(struct latency_light *l, const struct latency_pair *pai
 
 /* ---- servers and clients ---- */
 
-static struct lw_client *join(uint16_t port, bool wants_nothing) {
+static struct lw_client *connect_client(uint16_t port, bool wants_nothing) {
     struct lw_client *client;
     struct lw_error err = {0};
     latency_must(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
@@ -265,7 +265,7 @@ void latency_light_watch(const struct latency_light *l, const char *options, str
     struct lw_client_stats stats = {0};
     struct lw_error err = {0};
     latency_light_serve(l, options, out_server);
-    struct lw_client *client = join(out_server->port, true);
+    struct lw_client *client = connect_client(out_server->port, true);
     for (const uint64_t limit_ns = lw_clock_ns() + LATENCY_PATIENCE_NS; !stats.first_ns;) {
         latency_light_poll(client, LATENCY_POLL_MS, &stats);
         if (lw_clock_ns() > limit_ns) latency_give_up("no first light");
@@ -295,7 +295,7 @@ void latency_light_introduce(struct latency_light *l) {
     }
     latency_must(make_folder(l->reference, &err), &err);
     latency_light_serve(l, "--freeze 0", &server);
-    l->introduced = join(server.port, true);
+    l->introduced = connect_client(server.port, true);
     while (!latency_light_scene(l)) latency_light_poll(l->introduced, LATENCY_POLL_MS, &stats);
     (void)lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S);
     lay_out(l, latency_light_scene(l));
@@ -345,7 +345,7 @@ static void solve_fresh(const struct latency_light *l, const struct latency_stat
     if (pipe(line) != 0 || dup2(line[0], STDIN_FILENO) < 0) latency_give_up("no pipe");
     snprintf(options, sizeof options, "--freeze %.17g " FRESH_OPTIONS " --seed %u", state->time_s, seed);
     latency_light_serve(l, options, &server);
-    struct lw_client *client = join(server.port, false);
+    struct lw_client *client = connect_client(server.port, false);
     while (!lw_client_scene(client)) latency_light_poll(client, LATENCY_POLL_MS, &stats);
     if (state->change) {
         latency_must(lw_client_update(client, (struct lw_scene_change[]){*state->change, reset},
@@ -362,7 +362,7 @@ static void solve_fresh(const struct latency_light *l, const struct latency_stat
         if (lw_clock_ns() > limit_ns) latency_give_up("the light of one state does not come");
     }
     latency_light_read(l, client, out->light);
-    look(l, client, out);
+    read_light_of(l, client, out);
     lw_client_destroy(client);
     close(line[1]);
     close(line[0]);

@@ -113,15 +113,15 @@ static enum lw_status solve(struct walk *w, struct stop *stop, struct lw_error *
 struct scene_clock {
     double now_s, lap_s, last_s;
 };
-static void follow(struct scene_clock *clock, double duration_s, double time_s) {
+static void advance_clock(struct scene_clock *clock, double duration_s, double time_s) {
     if (time_s < clock->last_s) clock->lap_s += duration_s;
     clock->last_s = time_s;
     clock->now_s = clock->lap_s + time_s;
 }
 
 /* Judges the light of the first frame at or after the stop's time, once all of it is there. */
-static void see(struct walk *w, struct stop *stop, const struct lw_client *client,
-                const struct lw_client_stats *stats, double now_s) {
+static void judge_stop(struct walk *w, struct stop *stop, const struct lw_client *client,
+                       const struct lw_client_stats *stats, double now_s) {
     if (!stop->frame && now_s >= stop->due_s) {
         stop->frame = stats->frame;
         stop->late_s = now_s - stop->due_s;
@@ -168,7 +168,7 @@ static void walk(struct walk *w) {
         settle_ns + LATENCY_PATIENCE_NS + (uint64_t)(1e9 * w->duration_s * (double)(w->desc->passes + 1));
     for (bool passes = false; !is_done(w);) {
         latency_light_poll(client, LATENCY_POLL_MS, &stats);
-        follow(&clock, w->duration_s, stats.time_s);
+        advance_clock(&clock, w->duration_s, stats.time_s);
         const uint64_t waited_ns = lw_clock_ns() - from_ns;
         if (waited_ns > limit_ns) latency_give_up("the animation's frames do not come");
         if (!passes && waited_ns >= settle_ns && stats.frames - frames >= (uint64_t)w->desc->frames) {
@@ -176,7 +176,8 @@ static void walk(struct walk *w) {
             passes = true;
         }
         for (size_t i = 0; i < w->stop_count && passes; i++)
-            if (w->stop[i].seen < (size_t)w->desc->passes) see(w, &w->stop[i], client, &stats, clock.now_s);
+            if (w->stop[i].seen < (size_t)w->desc->passes)
+                judge_stop(w, &w->stop[i], client, &stats, clock.now_s);
     }
     lw_client_destroy(client);
     (void)lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S);

@@ -38,7 +38,7 @@ void solver_pictures_finish(struct solver_pictures *p) {
     *p = (struct solver_pictures){.folder = NULL};
 }
 
-static void take(struct solver_pictures *p, const struct lw_solver *solver) {
+static void render(struct solver_pictures *p, const struct lw_solver *solver) {
     struct lw_compose_report report;
     bench_view_light_read(&p->light, solver);
     lw_compose_render(p->compose, &p->source, p->pose, &p->view, p->rgb, &report);
@@ -53,7 +53,7 @@ static enum lw_status write_picture(struct solver_pictures *p, const char *name,
 
 enum lw_status solver_pictures_truth(struct solver_pictures *p, const struct lw_solver *solver,
                                      struct lw_error *err) {
-    take(p, solver);
+    render(p, solver);
     lw_tonemap_init(&p->tonemap, LW_TONEMAP_REINHARD, lw_tonemap_auto_stops(p->rgb, PIXELS));
     return write_picture(p, "truth", err);
 }
@@ -71,6 +71,6 @@ enum lw_status solver_pictures_frame(struct solver_pictures *p, const struct lw_
         snprintf(name, sizeof name, "%u-%u", number, p->written++);
         status = write_picture(p, name, err);
     }
-    if (status == LW_OK) take(p, solver);
+    if (status == LW_OK) render(p, solver);
     return status;
 }

@@ -1,5 +1,5 @@
 /* The mending of Collada, on any bytes: it makes a text of bounded size. */
-#include "server/import/collada_text.h"
+#include "server/import/text/collada_text.h"
 
 #include <stdlib.h>
 

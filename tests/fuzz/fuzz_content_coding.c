@@ -1,5 +1,5 @@
 /* Accept-Encoding: any bytes. Input: a byte of which codings there are, then the header. */
-#include "server/serve/content_coding.h"
+#include "server/serve/web/content_coding.h"
 
 #include <stdint.h>
 #include <stdlib.h>

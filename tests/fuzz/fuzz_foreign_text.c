@@ -1,5 +1,5 @@
 /* The mending of STL, on any bytes: it makes as many bytes at most, and none past their end. */
-#include "server/import/foreign_text.h"
+#include "server/import/foreign/foreign_text.h"
 
 #include "common/log.h"
 

@@ -1,7 +1,7 @@
 /* The glTF reader on any bytes: a scene that validates, or an error with a text; never a crash. No file is
  * opened. */
 #include "common/log.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <jansson.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* Host, Origin and a list: any bytes. Input: the three, each ended by a line feed. */
-#include "server/serve/http_origin.h"
+#include "server/serve/web/http_origin.h"
 
 #include <stdint.h>
 #include <stdlib.h>

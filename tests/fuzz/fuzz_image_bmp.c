@@ -1,5 +1,5 @@
 /* The BMP reader on any bytes: a picture of the size that it said, or an error with a text. */
-#include "server/import/image_bmp.h"
+#include "server/import/images/image_bmp.h"
 
 #include <stdlib.h>
 

@@ -1,5 +1,5 @@
 /* The TGA reader on any bytes: a picture of the size that it said, or an error with a text. */
-#include "server/import/image_tga.h"
+#include "server/import/images/image_tga.h"
 
 #include <stdlib.h>
 

@@ -1,5 +1,5 @@
 /* The reader of material libraries on any bytes: materials of different names, or an error with a text. */
-#include "server/import/mtl_file.h"
+#include "server/import/text/mtl_file.h"
 
 #include <stdlib.h>
 

@@ -1,6 +1,6 @@
 /* The reader of OBJ on any bytes: plain text that it reads again as the same text, or an error with a
  * text. */
-#include "server/import/obj_text.h"
+#include "server/import/text/obj_text.h"
 
 #include <stdlib.h>
 #include <string.h>

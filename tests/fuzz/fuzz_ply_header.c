@@ -1,6 +1,6 @@
 /* The reader of PLY headers on any bytes: a header that it reads again as the same header, or an error with a
  * text. */
-#include "server/import/ply_header.h"
+#include "server/import/text/ply_header.h"
 
 #include <stdlib.h>
 #include <string.h>

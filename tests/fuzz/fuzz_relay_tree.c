@@ -1,5 +1,5 @@
 /* Reports of relays, from anyone: an accepted one is written and read again as it was. */
-#include "server/serve/relay_tree.h"
+#include "server/serve/metrics/relay_tree.h"
 
 #include <stdlib.h>
 #include <string.h>

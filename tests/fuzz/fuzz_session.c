@@ -4,10 +4,10 @@
  * fuzz_replica's. */
 #include "common/clock.h"
 #include "common/log.h"
-#include "server/serve/server_limits.h"
-#include "server/serve/session_handlers.h"
-#include "server/serve/session_private.h"
-#include "server/serve/turns.h"
+#include "server/serve/admission/server_limits.h"
+#include "server/serve/sessions/session_handlers.h"
+#include "server/serve/sessions/session_private.h"
+#include "server/serve/sessions/turns.h"
 #include "tests/support/support.h"
 
 #include <stdlib.h>

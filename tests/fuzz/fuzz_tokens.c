@@ -1,5 +1,5 @@
 /* A file of tokens: any bytes. What it takes is what lw_tokens_role() finds again. */
-#include "server/serve/tokens.h"
+#include "server/serve/admission/tokens.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -7,7 +7,7 @@
 #include "common/lightmap/lightmap.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <errno.h>
 #include <jansson.h>

@@ -9,7 +9,7 @@
 #include "common/sanitizer.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <dirent.h>
 #include <errno.h>

@@ -8,8 +8,8 @@
 #include "common/sanitizer.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
-#include "server/import/foreign.h"
-#include "server/import/gltf.h"
+#include "server/import/foreign/foreign.h"
+#include "server/import/gltf/gltf.h"
 
 #include <dirent.h>
 #include <stdio.h>

@@ -4,7 +4,7 @@
 #include "tests/support/relays.h"
 
 #include "common/clock.h"
-#include "server/serve/server_limits.h"
+#include "server/serve/admission/server_limits.h"
 #include "tests/support/support.h"
 
 #include <signal.h>

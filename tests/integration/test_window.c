@@ -2,7 +2,7 @@
  * light of a real lightwelld. */
 #include "tests/support/process.h"
 
-#include "client/view/window.h"
+#include "client/view/window/window.h"
 #include "common/clock.h"
 
 #include <SDL.h>

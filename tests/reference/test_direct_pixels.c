@@ -3,7 +3,7 @@
 #include "tests/support/support.h"
 
 #include "client/paths/path_trace.h"
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 #include "common/builtin/builtin.h"
 #include "common/lightmap/lightmap.h"
 

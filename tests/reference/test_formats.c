@@ -3,7 +3,7 @@
 #include "client/measure/sides/path_world.h"
 #include "common/colour.h"
 #include "common/image/image.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 #include "tests/reference/room.h"
 #include "tests/support/glb.h"
 

@@ -5,7 +5,7 @@
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
 #include "client/gl/gl_rgb9e5.h"
-#include "client/view/antialias.h"
+#include "client/view/compose/antialias.h"
 #include "client/view/tonemap.h"
 #include "common/image/flip.h"
 #include "common/open/scene_open.h"

@@ -4,7 +4,7 @@
 
 #include "tests/support/support.h"
 
-#include "server/import/foreign.h"
+#include "server/import/foreign/foreign.h"
 
 /** Write a file, make a folder. */
 void lw_foreign_case_write_bytes(const char *name, const void *bytes, size_t size);

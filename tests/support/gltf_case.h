@@ -3,7 +3,7 @@
 #ifndef LW_TESTS_GLTF_CASE_H
 #define LW_TESTS_GLTF_CASE_H
 
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 #include "tests/support/support.h"
 
 /* 2 x 1 texels: (255, 0, 0, 255), (0, 128, 255, 64) */

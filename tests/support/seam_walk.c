@@ -73,7 +73,7 @@ void seam_walk_finish(struct seam_walk *walk) {
     *walk = (struct seam_walk){0};
 }
 
-/* A bilinear look-up of a level, as in client/view/compose.c. */
+/* A bilinear look-up of a level, as in client/view/compose/compose_texels.h. */
 bool seam_walk_read(const struct seam_walk *walk, uint32_t object, unsigned level, double u, double v,
                     double *out) {
     if (level >= walk->levels[object].count) return false;

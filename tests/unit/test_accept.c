@@ -3,7 +3,7 @@
 
 #include "proto/message.h"
 #include "server/serve/server.h"
-#include "server/serve/turns.h"
+#include "server/serve/sessions/turns.h"
 
 #include <limits.h>
 #include <pthread.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/address_rates.h"
+#include "server/serve/admission/address_rates.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>

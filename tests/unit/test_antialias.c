@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/antialias.h"
+#include "client/view/compose/antialias.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/attention.h"
+#include "client/view/compose/attention.h"
 
 #include <stdlib.h>
 #include <string.h>

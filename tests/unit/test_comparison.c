@@ -1,7 +1,7 @@
 /* The pictures of a comparison; its thread is tested with the window (test_window). */
 #include "tests/support/support.h"
 
-#include "client/view/comparison.h"
+#include "client/view/window/comparison.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 
 #include "common/random.h"
 

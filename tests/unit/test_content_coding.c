@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/content_coding.h"
+#include "server/serve/web/content_coding.h"
 
 #define BR       LW_CONTENT_CODING_BR
 #define GZIP     LW_CONTENT_CODING_GZIP

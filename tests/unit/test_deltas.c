@@ -2,7 +2,7 @@
 
 #include "common/clock.h"
 #include "common/tile/tile_codec.h"
-#include "server/serve/deltas.h"
+#include "server/serve/tiles/deltas.h"
 
 #include <math.h>
 #include <pthread.h>

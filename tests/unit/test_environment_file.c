@@ -2,7 +2,7 @@
  * are no EXR refused. */
 #include "common/image/image.h"
 #include "common/random.h"
-#include "server/import/environment_file.h"
+#include "server/import/images/environment_file.h"
 #include "tests/support/support.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/exposition.h"
+#include "server/serve/metrics/exposition.h"
 
 #include <stdlib.h>
 #include <string.h>

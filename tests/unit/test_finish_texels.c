@@ -1,7 +1,7 @@
 /* What texels of pictures become in finishes. */
 #include "tests/support/support.h"
 
-#include "server/import/finish_texels.h"
+#include "server/import/images/finish_texels.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/camera/flight.h"
-#include "client/view/pace.h"
+#include "client/view/window/pace.h"
 
 #include <math.h>
 

@@ -5,7 +5,7 @@
 #include "common/lightmap/lightmap.h"
 #include "common/scene/pose.h"
 #include "server/bake/glb_scene.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 /* Finishes as clients draw them, against the exact lobes and closed forms; whatever a file may have. */
 #include "tests/support/support.h"
 
-#include "client/view/gloss_maps.h"
+#include "client/view/shading/gloss_maps.h"
 #include "common/light/direction_form.h"
 #include "common/random.h"
 #include "common/shading/lobe_table.h"

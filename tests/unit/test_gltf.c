@@ -1,7 +1,7 @@
 #include "tests/support/gltf_case.h"
 
 #include "common/log.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 #include "tests/support/glb.h"
 
 #include <stdio.h>

@@ -5,7 +5,7 @@
 #include "tests/support/support.h"
 
 #include "common/log.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -5,7 +5,7 @@
 
 #include "common/log.h"
 #include "common/shading/tangent.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <fcntl.h>
 #include <math.h>

@@ -2,7 +2,7 @@
 
 #include "common/log.h"
 #include "common/scene/pose.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <string.h>
 

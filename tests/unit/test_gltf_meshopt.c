@@ -4,7 +4,7 @@
 #include "tests/support/support.h"
 
 #include "common/log.h"
-#include "server/import/gltf.h"
+#include "server/import/gltf/gltf.h"
 
 #include <math.h>
 #include <meshoptimizer.h>

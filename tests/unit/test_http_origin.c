@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/http_origin.h"
+#include "server/serve/web/http_origin.h"
 
 #include <string.h>
 

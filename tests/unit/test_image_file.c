@@ -1,7 +1,7 @@
 /* Pictures made here by the libraries' own encoders, and what a damaged one gets. */
 #include "tests/support/support.h"
 
-#include "server/import/image_file.h"
+#include "server/import/images/image_file.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/interest_union.h"
+#include "server/serve/tiles/interest_union.h"
 
 #include <string.h>
 

@@ -1,16 +1,16 @@
 #include "tests/support/support.h"
 
 #include "common/tls/tls_stream.h"
-#include "server/serve/address_places.h"
-#include "server/serve/http_origin.h"
-#include "server/serve/message_rates.h"
-#include "server/serve/peer_log.h"
-#include "server/serve/server_limits.h"
-#include "server/serve/tls_context.h"
-#include "server/serve/tokens.h"
-#include "server/serve/updates.h"
-#include "server/serve/web_files.h"
-#include "server/serve/web_server.h"
+#include "server/serve/admission/address_places.h"
+#include "server/serve/admission/message_rates.h"
+#include "server/serve/admission/peer_log.h"
+#include "server/serve/admission/server_limits.h"
+#include "server/serve/admission/tokens.h"
+#include "server/serve/sessions/updates.h"
+#include "server/serve/transports/tls_context.h"
+#include "server/serve/web/http_origin.h"
+#include "server/serve/web/web_files.h"
+#include "server/serve/web/web_server.h"
 
 #include <stdarg.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
 #include "tests/support/support.h"
 
 #include "client/lib/live_survey.h"
-#include "client/view/compose.h"
+#include "client/view/compose/compose.h"
 #include "common/open/scene_open.h"
 
 #include <math.h>

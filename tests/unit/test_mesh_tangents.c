@@ -3,7 +3,7 @@
 #include "tests/support/support.h"
 
 #include "common/shading/tangent.h"
-#include "server/import/mesh_tangents.h"
+#include "server/import/mesh/mesh_tangents.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/message_rates.h"
+#include "server/serve/admission/message_rates.h"
 
 #include <string.h>
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/overlay.h"
+#include "client/view/window/overlay.h"
 
 #include <string.h>
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/panel.h"
+#include "client/view/window/panel.h"
 
 static void test_scale(void **state) {
     (void)state;

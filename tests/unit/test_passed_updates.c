@@ -1,7 +1,7 @@
 /* Updates that a relay forwards: in order, answered once, with the frame that shows them. */
 #include "tests/support/support.h"
 
-#include "server/serve/passed_updates.h"
+#include "server/serve/sessions/passed_updates.h"
 
 #include <stdlib.h>
 #include <string.h>

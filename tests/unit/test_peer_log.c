@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/peer_log.h"
+#include "server/serve/admission/peer_log.h"
 
 #include <string.h>
 

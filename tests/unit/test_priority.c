@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/priority.h"
+#include "server/serve/tiles/priority.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 /* Reports of relays: lines that are read as they were written, and lines that are none. */
 #include "tests/support/support.h"
 
-#include "server/serve/relay_tree.h"
+#include "server/serve/metrics/relay_tree.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/saved_picture.h"
+#include "client/view/window/saved_picture.h"
 
 #include <dirent.h>
 #include <signal.h>

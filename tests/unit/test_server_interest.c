@@ -1,7 +1,7 @@
 #include "tests/support/serving.h"
 
-#include "server/serve/priority.h"
 #include "server/serve/server.h"
+#include "server/serve/tiles/priority.h"
 #include "tests/support/server_clock.h"
 
 #include <pthread.h>

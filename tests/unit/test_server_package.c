@@ -1,7 +1,7 @@
 #include "tests/support/serving.h"
 
 #include "server/serve/server.h"
-#include "server/serve/session.h"
+#include "server/serve/sessions/session.h"
 
 #include <stdlib.h>
 #include <string.h>

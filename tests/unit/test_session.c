@@ -1,9 +1,9 @@
 #include "tests/support/support.h"
 
 #include "common/clock.h"
-#include "server/serve/session_handlers.h"
-#include "server/serve/session_private.h"
-#include "server/serve/turns.h"
+#include "server/serve/sessions/session_handlers.h"
+#include "server/serve/sessions/session_private.h"
+#include "server/serve/sessions/turns.h"
 
 #include <stdlib.h>
 #include <string.h>

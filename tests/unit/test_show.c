@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "client/view/show.h"
+#include "client/view/compose/show.h"
 
 #include <math.h>
 #include <string.h>

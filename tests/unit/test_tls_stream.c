@@ -2,7 +2,7 @@
 
 #include "client/lib/tls_trust.h"
 #include "common/tls/tls_stream.h"
-#include "server/serve/tls_context.h"
+#include "server/serve/transports/tls_context.h"
 
 #include <openssl/ssl.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "common/secret_file.h"
-#include "server/serve/tokens.h"
+#include "server/serve/admission/tokens.h"
 
 #include <stdio.h>
 #include <stdlib.h>

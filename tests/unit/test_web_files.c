@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "server/serve/web_files.h"
+#include "server/serve/web/web_files.h"
 
 #include <fcntl.h>
 #include <stdio.h>

@@ -62,7 +62,8 @@ void lw_reference_finish(struct lw_reference *reference) {
     *reference = (struct lw_reference){0};
 }
 
-static struct lw_view_error_reference part_of(const struct lw_reference *reference, const uint8_t *left_out) {
+static struct lw_view_error_reference reference_without(const struct lw_reference *reference,
+                                                        const uint8_t *left_out) {
     return (struct lw_view_error_reference){.width = reference->width,
                                             .height = reference->height,
                                             .half = {reference->half[0], reference->half[1]},
@@ -70,7 +71,7 @@ static struct lw_view_error_reference part_of(const struct lw_reference *referen
 }
 
 double lw_reference_error(const struct lw_reference *reference, const float *rgb) {
-    const struct lw_view_error_reference all = part_of(reference, NULL);
+    const struct lw_view_error_reference all = reference_without(reference, NULL);
     const double floor = floor_of(reference);
     /* a black reference shows the emission of nothing: any picture of it is right */
     return floor > 0 ? lw_view_error_relmse(&all, (const float *[]){rgb, rgb}, floor) : 0;
@@ -105,7 +106,7 @@ enum lw_status lw_reference_look(const struct lw_path_world *world, const struct
 /* By halves of both, which leaves all noise out. left_out: room for a flag a pixel. */
 static double lag_error(const struct lw_reference *reference, const struct lw_path_film *late,
                         const uint32_t *now, const uint32_t *then, uint8_t *left_out) {
-    const struct lw_view_error_reference same = part_of(reference, left_out);
+    const struct lw_view_error_reference same = reference_without(reference, left_out);
     const float scale = 2.0f / (float)late->samples;
     for (size_t i = 0; i < value_count(reference); i++) late->half[0][i] *= scale, late->half[1][i] *= scale;
     for (size_t i = 0; i < value_count(reference) / 3; i++)

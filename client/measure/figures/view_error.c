@@ -41,7 +41,7 @@ static double mean_of(const struct lw_view_error_reference *reference, size_t va
     return 0.5 * (half_of(reference, 0, value) + half_of(reference, 1, value));
 }
 
-static double seen(const float *picture, size_t value) {
+static double finite_value(const float *picture, size_t value) {
     return isfinite(picture[value]) ? (double)picture[value] : 0;
 }
 
@@ -60,7 +60,7 @@ double lw_view_error_relmse(const struct lw_view_error_reference *reference, con
         if (!counts(reference, p)) continue;
         for (size_t i = 3 * p; i < 3 * p + 3; i++, count++) {
             double product = 1;
-            for (int h = 0; h < 2; h++) product *= seen(picture[h], i) - half_of(reference, h, i);
+            for (int h = 0; h < 2; h++) product *= finite_value(picture[h], i) - half_of(reference, h, i);
             sum += relative(product, mean_of(reference, i), epsilon);
         }
     }
@@ -70,7 +70,7 @@ double lw_view_error_relmse(const struct lw_view_error_reference *reference, con
 /* ---- one picture ---- */
 
 /* How a display shows light. */
-static void show(const struct lw_view_error_desc *desc, const float light[3], float out_rgb[3]) {
+static void to_display(const struct lw_view_error_desc *desc, const float light[3], float out_rgb[3]) {
     const float scale = exp2f(fminf(fmaxf(desc->stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX));
     const struct lw_vec3 exposed = lw_vec3_scale(lw_vec3(light[0], light[1], light[2]), scale);
     const struct lw_vec3 c = lw_tonemap_apply(desc->curve, exposed);
@@ -91,10 +91,10 @@ static enum lw_status add_flip(struct lw_view_error_sum *sum, const struct lw_vi
         float light[2][3] = {{0}};
         for (size_t c = 0; c < 3 && !left_out[p]; c++) {
             light[0][c] = (float)mean_of(reference, 3 * p + c);
-            light[1][c] = (float)seen(picture, 3 * p + c);
+            light[1][c] = (float)finite_value(picture, 3 * p + c);
         }
-        show(&sum->desc, light[0], shown + 3 * p);
-        show(&sum->desc, light[1], test + 3 * p);
+        to_display(&sum->desc, light[0], shown + 3 * p);
+        to_display(&sum->desc, light[1], test + 3 * p);
     }
     enum lw_status status =
         lw_flip_map(shown, test, reference->width, reference->height, sum->desc.pixels_per_degree, map, err);
@@ -128,7 +128,7 @@ enum lw_status lw_view_error_add(struct lw_view_error_sum *sum,
         if (!counts(reference, p)) continue;
         double pixel = 0;
         for (size_t i = 3 * p; i < 3 * p + 3; i++) {
-            const double x = seen(picture, i), t = mean_of(reference, i);
+            const double x = finite_value(picture, i), t = mean_of(reference, i);
             const double product = (x - half_of(reference, 0, i)) * (x - half_of(reference, 1, i));
             pixel += relative(product, t, sum->desc.epsilon);
             sum->relative_fixed += relative(product, t, LW_VIEW_ERROR_FIXED_EPSILON);
@@ -149,7 +149,7 @@ void lw_view_error_add_step(struct lw_view_error_sum *sum, const struct lw_view_
     for (size_t p = 0; p < pixels_of(reference); p++) {
         if (!counts(reference, p) || !counts(before, p)) continue;
         for (size_t i = 3 * p; i < 3 * p + 3; i++) {
-            const double step = seen(picture, i) - seen(picture_before, i);
+            const double step = finite_value(picture, i) - finite_value(picture_before, i);
             double product = 1;
             for (int h = 0; h < 2; h++) product *= step - (half_of(reference, h, i) - half_of(before, h, i));
             sum->flicker += relative(product, mean_of(reference, i), sum->desc.epsilon);
@@ -179,7 +179,7 @@ void lw_view_error_add_lag(struct lw_view_error_sum *sum, const struct lw_view_e
         if (!all) continue;
         double change = 0, noise = 0;
         for (size_t i = 3 * p; i < 3 * p + 3; i++) {
-            const double x = seen(picture, i), t = mean_of(now, i), epsilon = sum->desc.epsilon;
+            const double x = finite_value(picture, i), t = mean_of(now, i), epsilon = sum->desc.epsilon;
             for (uint32_t m = 0; m < moment_count; m++) {
                 sum->fit[m] += relative(product_of(&moment[m], &moment[m], x, i), t, epsilon);
                 if (m + 1 == moment_count) break;

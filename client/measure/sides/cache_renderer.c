@@ -129,7 +129,7 @@ static uint32_t eye_of(const struct cache_renderer *c, uint32_t user, const uint
 
 /* A client sends its interest at most every 100 ms by the wall clock (client/lib/interest.h). It has just
  * sent an empty one: without this wait, shorter frames would all pass unlit. */
-static enum lw_status await_told(struct cache_renderer *c, struct lw_error *err) {
+static enum lw_status await_interest(struct cache_renderer *c, struct lw_error *err) {
     enum lw_status status = LW_OK;
     for (uint64_t end_ns = lw_clock_ns() + TELL_NS; status == LW_OK && lw_clock_ns() < end_ns;) {
         nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
@@ -140,8 +140,8 @@ static enum lw_status await_told(struct cache_renderer *c, struct lw_error *err)
 }
 
 /* New clients set their interest. */
-static enum lw_status greet(struct cache_renderer *c, uint64_t frame, const uint32_t *shown,
-                            uint32_t shown_count, struct lw_error *err) {
+static enum lw_status set_first_interest(struct cache_renderer *c, uint64_t frame, const uint32_t *shown,
+                                         uint32_t shown_count, struct lw_error *err) {
     enum lw_status status = LW_OK;
     bool any = false;
     for (uint32_t user = 0; user < c->viewers.count && status == LW_OK; user++) {
@@ -151,7 +151,7 @@ static enum lw_status greet(struct cache_renderer *c, uint64_t frame, const uint
         status = lw_viewers_look(&c->viewers, user, &camera, scene_ns(frame), err);
         any = true;
     }
-    return status == LW_OK && any && !c->viewers.wants_everything ? await_told(c, err) : status;
+    return status == LW_OK && any && !c->viewers.wants_everything ? await_interest(c, err) : status;
 }
 
 static enum lw_status show(struct cache_renderer *c, uint64_t frame, const uint32_t *shown,
@@ -176,7 +176,7 @@ static enum lw_status step(struct lw_renderer *renderer, uint64_t frame, const u
                            uint32_t shown_count, struct lw_cost *cost, struct lw_error *err) {
     struct cache_renderer *c = self(renderer);
     const struct lw_daemon_report before = c->report;
-    enum lw_status status = greet(c, frame, shown, shown_count, err);
+    enum lw_status status = set_first_interest(c, frame, shown, shown_count, err);
     if (status == LW_OK) status = lw_daemon_child_step(c->daemon, &c->report, err);
     if (status != LW_OK) return status;
     if (c->report.frame != frame)

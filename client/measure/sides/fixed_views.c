@@ -329,7 +329,7 @@ static int by_luminance(const void *a, const void *b) {
 }
 
 /* Takes the middle candidate of the first bin, then of each bin the farthest from all taken before. */
-static void take(struct lw_fixed_views *views, const struct candidate *c, uint32_t count) {
+static void choose_spread(struct lw_fixed_views *views, const struct candidate *c, uint32_t count) {
     for (uint32_t k = 0; k < LW_FIXED_VIEWS_COUNT; k++) {
         const uint32_t first = k * count / LW_FIXED_VIEWS_COUNT,
                        last = (k + 1) * count / LW_FIXED_VIEWS_COUNT;
@@ -373,7 +373,7 @@ static enum lw_status pick(struct search *s, struct lw_fixed_views *views, struc
                                     "that is lit is seen",
                                     s->scene->name, count, LW_FIXED_VIEWS_COUNT);
     }
-    if (status == LW_OK) take(views, c, count);
+    if (status == LW_OK) choose_spread(views, c, count);
     free(c);
     return status;
 }

@@ -51,8 +51,8 @@ static double now_s(const struct real_run *r, uint32_t user) {
 }
 
 /* Composes a view with the camera of the moment at which that begins. */
-static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_picture *out_picture,
-                          struct lw_error *err) {
+static enum lw_status compose_view(struct real_run *r, uint32_t user, struct lw_real_picture *out_picture,
+                                   struct lw_error *err) {
     enum lw_status status = poll_all(r, err);
     if (status == LW_OK) status = lw_viewers_follow(&r->viewers, err);
     if (status != LW_OK) return status;
@@ -71,8 +71,8 @@ static enum lw_status see(struct real_run *r, uint32_t user, struct lw_real_pict
 }
 
 /* Adds a picture. Returns its lattice, to be filled; NULL: no memory. */
-static float *keep(struct lw_real_run *run, const struct lw_real_picture *picture,
-                   const struct lw_renderer_desc *side, struct lw_error *err) {
+static float *add_picture(struct lw_real_run *run, const struct lw_real_picture *picture,
+                          const struct lw_renderer_desc *side, struct lw_error *err) {
     const size_t pixels = (size_t)(side->width / side->stride) * (side->height / side->stride);
     float *lattice = malloc(3 * pixels * sizeof *lattice);
     if (!lattice) {
@@ -91,7 +91,7 @@ static bool is_due(const struct lw_real_run *run, double passed_s, double second
 }
 
 /* Users look in turn, as often as the machine lets them; some of what they see is kept. */
-static enum lw_status look(struct real_run *r, struct lw_real_run *run, struct lw_error *err) {
+static enum lw_status run_viewers(struct real_run *r, struct lw_real_run *run, struct lw_error *err) {
     const struct lw_real_run_desc *d = r->desc;
     const uint64_t began_ns = lw_clock_ns();
     const uint64_t frames = lw_viewers_stats(&r->viewers, 0).frames;
@@ -100,10 +100,10 @@ static enum lw_status look(struct real_run *r, struct lw_real_run *run, struct l
     double passed_s = 0;
     while (status == LW_OK && passed_s < d->seconds) {
         struct lw_real_picture picture;
-        status = see(r, (uint32_t)(r->views % r->viewers.count), &picture, err);
+        status = compose_view(r, (uint32_t)(r->views % r->viewers.count), &picture, err);
         passed_s = 1e-9 * (double)(lw_clock_ns() - began_ns);
         if (status != LW_OK || !is_due(run, passed_s, d->seconds)) continue;
-        float *lattice = keep(run, &picture, d->side, err);
+        float *lattice = add_picture(run, &picture, d->side, err);
         if (!lattice) return LW_NO_MEMORY;
         lw_lattice_pick(r->rgb, d->side->width, d->side->height, d->side->stride, lattice);
     }
@@ -121,7 +121,7 @@ static enum lw_status warm(struct real_run *r, struct lw_error *err) {
     for (uint64_t end_ns = lw_clock_ns() + (uint64_t)(1e9 * r->desc->warm_s);
          status == LW_OK && lw_clock_ns() < end_ns && lw_daemon_child_cpu_s(r->daemon) < cpu_s;) {
         struct lw_real_picture ignored; /* looking is part of it: the interest follows from the view */
-        status = see(r, (uint32_t)(r->views % r->viewers.count), &ignored, err);
+        status = compose_view(r, (uint32_t)(r->views % r->viewers.count), &ignored, err);
     }
     r->views = 0;
     r->age_sum_s = 0;
@@ -138,7 +138,7 @@ enum lw_status lw_real_run(const struct lw_real_run_desc *desc, struct lw_real_r
         lw_cache_renderer_serve(desc->side, &desc->setting, desc->seed, true, &r.daemon, &r.viewers, err);
     if (status == LW_OK) status = lw_viewers_set_count(&r.viewers, desc->users, err);
     if (status == LW_OK) status = warm(&r, err);
-    if (status == LW_OK) status = look(&r, &run, err);
+    if (status == LW_OK) status = run_viewers(&r, &run, err);
     lw_viewers_finish(&r.viewers);
     lw_daemon_child_stop(r.daemon);
     free(r.rgb);
@@ -161,8 +161,8 @@ static void await_frame(uint64_t began_ns, double first_s, uint64_t frame) {
     nanosleep(&pause, NULL); /* if a signal ends it early, the frame is shown that much too soon */
 }
 
-static enum lw_status follow(const struct lw_real_run_desc *d, struct lw_renderer *renderer,
-                             struct lw_real_run *run, struct lw_error *err) {
+static enum lw_status run_renderer(const struct lw_real_run_desc *d, struct lw_renderer *renderer,
+                                   struct lw_real_run *run, struct lw_error *err) {
     enum lw_status status = LW_OK;
     const uint64_t began_ns = lw_clock_ns();
     double age_sum_s = 0, passed_s = 0;
@@ -183,7 +183,7 @@ static enum lw_status follow(const struct lw_real_run_desc *d, struct lw_rendere
         age_sum_s += picture.light_age_s;
         views++;
         if (!is_due(run, passed_s - d->warm_s, d->seconds)) continue;
-        float *lattice = keep(run, &picture, d->side, err);
+        float *lattice = add_picture(run, &picture, d->side, err);
         if (!lattice) return LW_NO_MEMORY;
         renderer->ops->picture(renderer, 0, lattice);
     }
@@ -200,7 +200,7 @@ enum lw_status lw_real_run_paths(const struct lw_real_run_desc *desc, struct lw_
     if (status != LW_OK) return status;
     status = renderer->ops->start(renderer, &desc->setting, false, desc->seed, err);
     if (status == LW_OK) status = renderer->ops->set_users(renderer, 1, err);
-    if (status == LW_OK) status = follow(desc, renderer, &run, err);
+    if (status == LW_OK) status = run_renderer(desc, renderer, &run, err);
     renderer->ops->destroy(renderer);
     if (status == LW_OK)
         *out_run = run;

@@ -77,7 +77,7 @@ static enum lw_status set_gl(struct lw_viewers *a, struct lw_viewers_user *user,
                                  &user->gl, err);
 }
 
-static enum lw_status join(struct lw_viewers *a, struct lw_error *err) {
+static enum lw_status add_user(struct lw_viewers *a, struct lw_error *err) {
     struct lw_viewers_user user = {.looked_ns = 0};
     const struct lw_client_desc desc = {.host = "127.0.0.1",
                                         .port = a->port,
@@ -110,7 +110,7 @@ enum lw_status lw_viewers_set_count(struct lw_viewers *a, uint32_t count, struct
     }
     while (a->count > count && a->count > 1) leave(a);
     while (a->count < count) {
-        enum lw_status status = join(a, err);
+        enum lw_status status = add_user(a, err);
         if (status != LW_OK) {
             lw_status_context(err, "user %u", a->count);
             return status;

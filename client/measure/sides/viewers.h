@@ -7,9 +7,9 @@
 
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
-#include "client/view/attention.h"
-#include "client/view/compose.h"
-#include "client/view/drawn_lights.h"
+#include "client/view/compose/attention.h"
+#include "client/view/compose/compose.h"
+#include "client/view/lights/drawn_lights.h"
 
 #define LW_VIEWERS_LOOK_NS 100000000u /* between two updates of a client's interest */
 

@@ -1,5 +1,5 @@
 // attention.ts: a viewer's interest set: the tiles of its picture, those around it, and those of a moment
-// ago; as client/view/attention.h.
+// ago; as client/view/compose/attention.h.
 import type { Survey } from './renderer.ts';
 import { INTEREST_MAX } from './wire.ts';
 

@@ -72,7 +72,7 @@ export interface Survey {
 }
 
 /** Where sample 1 to SAMPLES_STILL lies in the pixel, from its centre: as lw_antialias_offset() of
- * client/view/antialias.h. Sample 0 is the centre. */
+ * client/view/compose/antialias.h. Sample 0 is the centre. */
 function placeOf(sample: number): [number, number] {
   if (!sample) return [0, 0];
   const index = sample - 1;

@@ -1,4 +1,4 @@
-// shaders.ts: what the GPU runs. Shading is client/view/compose.c's: albedo / pi * E + emission, E from the
+// shaders.ts: what the GPU runs. Shading is client/view/compose/compose_hits.c's: albedo / pi * E + emission, E from the
 // level whose texels are as large as pixels, or what stands in for it.
 
 import { SHARE_WHOLE, SLOT_BITS } from './finer.ts';

@@ -1,0 +1,31 @@
+/* seeker.h: looks for a server in the background, so that a window stays alive meanwhile.
+ * Threads: the owner's calls from one thread; connects on a thread of its own. */
+#ifndef LW_CLIENT_VIEW_WINDOW_SEEKER_H
+#define LW_CLIENT_VIEW_WINDOW_SEEKER_H
+
+#include "client/lib/client.h"
+
+/* How long a client takes messages in at a time: a window's picture has little more than 16 ms, and a fourth
+ * of that is what tiles may take (bench_take). */
+#define LW_SEEKER_BUDGET_NS 2000000u
+
+struct lw_seeker;
+
+/** access, name, cache_folder, draws_direct: as for lw_client_create(); name and cache_folder outlive
+ * the seeker. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw_access *access,
+                                              const char *name, const char *cache_folder, bool draws_direct,
+                                              struct lw_seeker **out_seeker, struct lw_error *err);
+/** Waits for an attempt that is under way. */
+void lw_seeker_destroy(struct lw_seeker *seeker);
+
+/** Begins to look, with pauses as lw_client_return_ms() has them; told_ms: as the server said. */
+void lw_seeker_start(struct lw_seeker *seeker, uint32_t told_ms);
+
+/** Call often. Returns the client once there is one, the caller's from then on; otherwise NULL. */
+struct lw_client *lw_seeker_take(struct lw_seeker *seeker);
+
+/** The link held: the next search begins with the first pause again. */
+void lw_seeker_reset(struct lw_seeker *seeker);
+
+#endif
