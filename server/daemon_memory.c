@@ -5,11 +5,11 @@
 #include "server/solve/coarse_scene.h"
 #include "server/solve/memory_forecast.h"
 
-/* Where no --memory is given: a quarter of the machine's up to SMALL_MAX, or a 16th where that is more. */
-#define SMALL_SHARE  4
-#define SMALL_MAX    (2ull << 30)
-#define LARGE_SHARE  16
-#define FINE_DEFAULT (768ull << 20) /* for finer tiles there are at most as many bytes */
+/* Where no --memory is given: shares of the machine's, the second one for finer tiles if level 0
+ * fits. Bounces are better where level 0 is whole (docs/lab/big_scenes.md). So it is, unless it takes half of all. */
+#define SHARE      2
+#define FINE_SHARE 32
+#define FINE_MAX   (768ull << 20)
 
 /* What such a tile takes, with its share of the publisher's; and of each layer of light. */
 #define FINE_TILE_BYTES  (128ull << 10)
@@ -75,10 +75,16 @@ static enum lw_status check_budget(const struct need *need, const char *hindranc
 
 /* The default refuses nothing. */
 static uint64_t default_budget(const struct need *need, const char *hindrance) {
-    const uint64_t machine = lw_memory_forecast_machine(), large = machine / LARGE_SHARE,
-                   small = machine / SMALL_SHARE < SMALL_MAX ? machine / SMALL_SHARE : SMALL_MAX,
-                   share = large > small ? large : small, least = hindrance ? need->whole : need->least;
+    const uint64_t share = lw_memory_forecast_machine() / SHARE,
+                   least = hindrance ? need->whole : need->least;
     return share > least ? share : least;
+}
+
+/* Bytes for finer tiles where no --memory is given. */
+static uint64_t default_fine(bool fits, uint64_t left) {
+    const uint64_t share = lw_memory_forecast_machine() / FINE_SHARE,
+                   most = fits && share < FINE_MAX ? share : FINE_MAX;
+    return left < most ? left : most;
 }
 
 enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings,
@@ -93,7 +99,7 @@ enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings
     if (status != LW_OK) return status;
     const bool fits = need.whole <= memory;
     const uint64_t left = memory - (fits ? need.whole : need.sparse),
-                   fine = is_default && left > FINE_DEFAULT ? FINE_DEFAULT : left;
+                   fine = is_default ? default_fine(fits, left) : left;
     /* else nobody asks for tiles */
     const bool is_followed = settings->light == LW_DAEMON_LIGHT_SEEN && (!fits || settings->detail);
     *out_memory = (struct lw_daemon_memory){!fits, is_followed ? count_fine(fine, need.fine_tile) : 0};
