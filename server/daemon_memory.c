@@ -6,7 +6,7 @@
 #include "server/solve/memory_forecast.h"
 
 /* Where no --memory is given: shares of the machine's, the second one for finer tiles if level 0 fits.
- * Bounces are better where level 0 is whole (docs/lab/big_scenes.md). So it is, unless it takes half of
+ * Light is better where level 0 is whole (docs/lab/big_scenes.md). So it is, unless it takes half of
  * all. */
 #define SHARE      2
 #define FINE_SHARE 32
