@@ -26,13 +26,7 @@ void lw_nats_fine_list(struct lw_nats_fine *fine, const struct lw_atlas_map *map
 }
 
 uint32_t lw_nats_fine_find(const struct lw_nats_fine *fine, uint64_t name) {
-    uint32_t low = 0, high = fine->count;
-    while (low < high) {
-        const uint32_t middle = low + (high - low) / 2;
-        if (fine->tile[middle].name < name)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low < fine->count && fine->tile[low].name == name ? low : LW_NATS_FINE_NONE;
+    const struct lw_nats_fine_tile key = {.name = name},
+                                   *found = bsearch(&key, fine->tile, fine->count, sizeof key, compare);
+    return found ? (uint32_t)(found - fine->tile) : LW_NATS_FINE_NONE;
 }

@@ -64,13 +64,7 @@ void lw_relay_fine_ask(struct lw_relay_fine *fine, uint32_t channel, const lw_ti
 }
 
 uint32_t lw_relay_fine_find(const struct lw_relay_fine *fine, uint64_t name) {
-    uint32_t low = 0, high = fine->held_count;
-    while (low < high) {
-        const uint32_t middle = low + (high - low) / 2;
-        if (fine->held[middle].name < name)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low < fine->held_count && fine->held[low].name == name ? fine->held[low].id : UINT32_MAX;
+    const struct lw_relay_fine_name key = {.name = name}, *found = NULL;
+    if (fine->held_count) found = bsearch(&key, fine->held, fine->held_count, sizeof key, compare);
+    return found ? found->id : UINT32_MAX;
 }
