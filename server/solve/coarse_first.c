@@ -118,7 +118,7 @@ static void end_coarse_solver(struct coarse_first *s) {
 static bool is_ready(const struct coarse_first *s, lw_tile_id id) {
     struct lw_solver_tile tile;
     s->whole->ops->read_tile(s->whole, id, &tile);
-    return tile.sample_count >= LW_COARSE_FIRST_FRAMES || !lw_solver_tile_has_surface(&tile);
+    return lw_coarse_tiles_end(&tile);
 }
 
 /* Takes tiles over from the coarse light: those that are ready, or all. Returns how many. */
@@ -186,7 +186,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     if (!s->whole && (status = take_whole(s, err)) != LW_OK) return status;
     if ((status = whole_frame(s, pose, number, out_stats, err)) != LW_OK) return status;
     add_rays(out_stats, &coarse_stats);
-    if (++s->whole_frames < LW_COARSE_FIRST_FRAMES) {
+    if (++s->whole_frames < LW_COARSE_TILES_FRAMES) {
         out_stats->tiles_shown = coarse_stats.tiles_shown;
         out_stats->coarse = true;
         return LW_OK;

@@ -4,10 +4,10 @@
  *                      -> whole solver  ->
  * Threads: those of solver.h, and one that builds.
  *
- *     frames:    | coarse ... coarse, and a thread builds | both, LW_COARSE_FIRST_FRAMES times | whole ...
+ *     frames:    | coarse ... coarse, and a thread builds | both, LW_COARSE_TILES_FRAMES times | whole ...
  *     tiles of:  | coarse                                 | coarse                             | each
  *
- * In the end a tile is the whole solver's once that has solved it LW_COARSE_FIRST_FRAMES times; all are once
+ * In the end a tile is the whole solver's once that has solved it LW_COARSE_TILES_FRAMES times; all are once
  * something moves, once another channel is shown, or after LW_COARSE_FIRST_KEPT frames.
  *
  * The frame at which the whole solver takes over follows the clock, so runs that are to be repeatable do
@@ -20,8 +20,6 @@
 
 /** Frames that the coarse solver solves before the other one is built, for a smooth first picture. */
 #define LW_COARSE_FIRST_ALONE 4u
-/** Samples of a tile of the whole solver before it is shown. With fewer it is blotched. */
-#define LW_COARSE_FIRST_FRAMES 8u
 /** Frames after which no tile is coarse: half a minute of the daemon's. */
 #define LW_COARSE_FIRST_KEPT 900u
 /** A scene with fewer texels is lit as soon without. */

@@ -48,6 +48,11 @@ void lw_coarse_scene_finish(struct lw_coarse_scene *coarse) {
     *coarse = (struct lw_coarse_scene){.mesh = NULL};
 }
 
+lw_tile_id lw_coarse_scene_below(const struct lw_atlas_map *map, const struct lw_tile_place *place) {
+    const uint32_t up = LW_COARSE_SCENE_SHIFT + lw_atlas_finer(place->level);
+    return lw_atlas_map_find(map, place->object, 0, (uint32_t)place->x >> up, (uint32_t)place->y >> up);
+}
+
 uint64_t lw_coarse_scene_count_texels(const struct lw_scene *scene) {
     uint64_t texels = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {

@@ -25,6 +25,10 @@ LW_MUST_CHECK enum lw_status lw_coarse_scene_init(struct lw_coarse_scene *coarse
 /** A zeroed one is fine. */
 void lw_coarse_scene_finish(struct lw_coarse_scene *coarse);
 
+/** The tile of level 0 of the coarse scene in which a tile of the original's level 0 or finer lies. map: the
+ * coarse scene's */
+lw_tile_id lw_coarse_scene_below(const struct lw_atlas_map *map, const struct lw_tile_place *place);
+
 /** Texels of all objects' lightmaps, with surface or without. */
 uint64_t lw_coarse_scene_count_texels(const struct lw_scene *scene);
 

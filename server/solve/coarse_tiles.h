@@ -11,6 +11,14 @@
 #include "server/solve/coarse_scene.h"
 #include "server/solve/solver.h"
 
+/** Frames of a tile's own light before it takes the place of coarse light. With fewer it is blotched. */
+#define LW_COARSE_TILES_FRAMES 8u
+
+/** Whether a tile's own light, of whatever solver, is to be read in the place of coarse light. */
+static inline bool lw_coarse_tiles_end(const struct lw_solver_tile *tile) {
+    return tile->sample_count >= LW_COARSE_TILES_FRAMES || !lw_solver_tile_has_surface(tile);
+}
+
 struct lw_coarse_tiles_tile;
 
 struct lw_coarse_tiles {

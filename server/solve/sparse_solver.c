@@ -34,24 +34,17 @@ struct sparse {
     uint8_t *interest;             /* per id of inner_map */
     lw_tile_id *listed;            /* scratch of list_fine() */
     uint32_t channels;
+    bool is_coarse_due; /* coarse tiles may lack light or a channel */
 };
 
 static uint32_t room(const struct sparse *s) { return lw_atlas_map_room(&s->inner_map); }
 
 /* ---- interest ---- */
 
-/* The tile of the coarse scene in which a tile of level 0 or finer lies. */
-static uint32_t coarse_below(const struct sparse *s, const struct lw_tile_place *place) {
-    const uint32_t shift = LW_COARSE_SCENE_SHIFT + lw_atlas_finer(place->level);
-    return lw_atlas_map_find(&s->inner_map, place->object, 0, (uint32_t)place->x >> shift,
-                             (uint32_t)place->y >> shift)
-        .v;
-}
-
 static void want_coarse(const struct sparse *s, uint8_t *interest, const struct lw_tile_place *place,
                         uint8_t finest) {
     const uint8_t level = finest > LW_COARSE_SCENE_SHIFT ? finest - LW_COARSE_SCENE_SHIFT : 1;
-    uint8_t *below = &interest[coarse_below(s, place)];
+    uint8_t *below = &interest[lw_coarse_scene_below(&s->inner_map, place).v];
     if (!*below || level < *below) *below = level;
 }
 
@@ -106,11 +99,16 @@ static bool holds(const struct sparse *s, uint32_t id) {
     return inner != NONE && s->inner->ops->holds_fine(s->inner, (lw_tile_id){inner});
 }
 
-/* Whether a tile has light that is worth to be seen. */
 static bool is_ready(const struct sparse *s, lw_tile_id inner) {
     struct lw_solver_tile tile;
     s->inner->ops->read_tile(s->inner, inner, &tile);
-    return tile.solved_frame && (tile.sample_count >= LW_SPARSE_FRAMES || !lw_solver_tile_has_surface(&tile));
+    return tile.solved_frame && lw_coarse_tiles_end(&tile);
+}
+
+static enum lw_status update_coarse(struct sparse *s) {
+    const enum lw_status status = lw_coarse_tiles_update(&s->coarse, s->inner, s->channels, s->is_read);
+    s->is_coarse_due = status != LW_OK;
+    return status;
 }
 
 /* Which tiles of level 0 are read from now on. Returns how many are read otherwise than before. */
@@ -136,7 +134,8 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
     enum lw_status status = s->inner->ops->frame(s->inner, pose, number, out_stats, err);
     if (status != LW_OK) return status;
     out_stats->tiles_shown += choose_tiles(s, number);
-    status = lw_coarse_tiles_update(&s->coarse, s->inner, s->channels, s->is_read);
+    if (!out_stats->tiles_shown && !s->is_coarse_due) return LW_OK; /* at rest */
+    status = update_coarse(s);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "tiles of coarse light");
 }
 
@@ -175,6 +174,7 @@ static bool holds_fine(const struct lw_solver *solver, lw_tile_id id) {
 
 static void show(struct lw_solver *solver, uint32_t channels) {
     struct sparse *s = (struct sparse *)solver;
+    s->is_coarse_due |= channels != s->channels;
     s->channels = channels;
     s->inner->ops->show(s->inner, channels);
 }
@@ -182,7 +182,7 @@ static void show(struct lw_solver *solver, uint32_t channels) {
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     struct sparse *s = (struct sparse *)solver;
     const enum lw_status status = s->inner->ops->filter(s->inner, err);
-    return status == LW_OK ? lw_coarse_tiles_update(&s->coarse, s->inner, s->channels, s->is_read) : status;
+    return status == LW_OK ? update_coarse(s) : status;
 }
 
 /* The key of the coarse scene's state: another one than that of the scene's own. */
@@ -205,7 +205,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     uint8_t changed[16];
     change_key(key, changed);
     const enum lw_status status = s->inner->ops->load(s->inner, path, changed, out_frames, err);
-    return status == LW_OK ? lw_coarse_tiles_update(&s->coarse, s->inner, s->channels, s->is_read) : status;
+    return status == LW_OK ? update_coarse(s) : status;
 }
 
 static size_t memory_bytes(const struct lw_solver *solver) {
@@ -291,6 +291,7 @@ enum lw_status lw_sparse_solver_create(const struct lw_solvers_entry *entry,
     s->scene = desc->scene;
     s->map = desc->atlas_map;
     s->channels = lw_tile_channel_bit(LW_LIGHT_FORM_FULL);
+    s->is_coarse_due = true;
     enum lw_status status = lw_coarse_scene_init(&s->coarse_scene, desc->scene);
     if (status == LW_OK) status = make_map(s);
     if (status == LW_OK) status = make_room(s, threads);

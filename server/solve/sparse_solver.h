@@ -7,16 +7,13 @@
  *     the inner solver:  level 0 and coarser | finer by 2^2    | finer by 2^(k + 2)
  *     there:             always              | of interest     | of interest
  *
- * Rays end on the coarse scene. Until a tile of level 0 has LW_SPARSE_FRAMES frames it reads as coarse light,
+ * Rays end on the coarse scene. Until a tile of level 0 has LW_COARSE_TILES_FRAMES frames it reads as coarse light,
  * interpolated (coarse_tiles.h), and so it does when it has made room for another. Which tiles are there, and
  * which go first, follows fine_tiles.h. */
 #ifndef LW_SOLVE_SPARSE_SOLVER_H
 #define LW_SOLVE_SPARSE_SOLVER_H
 
 #include "server/solve/solvers.h"
-
-/** Frames in a tile's light before it is shown: with fewer it is blotched. */
-#define LW_SPARSE_FRAMES 8u
 
 /** Builds the solver of the coarse scene.
  * entry   of a solver with finer levels, as the cell solver is

@@ -97,9 +97,7 @@ static bool is_kept(struct tile_by_tile *s, uint32_t id) {
 static uint32_t read_below(const struct tile_by_tile *s, const struct lw_tile_place *place,
                            struct lw_solver_tile *out_tile) {
     const uint32_t side = LW_TILE_SIDE / LW_COARSE_SCENE_SIDE, x = place->x * side, y = place->y * side;
-    s->solver->ops->read_tile(
-        s->solver, lw_atlas_map_find(&s->fine_map, place->object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE),
-        out_tile);
+    s->solver->ops->read_tile(s->solver, lw_coarse_scene_below(&s->fine_map, place), out_tile);
     return y % LW_TILE_SIDE * out_tile->width + x % LW_TILE_SIDE;
 }
 

@@ -53,7 +53,7 @@ static void step(struct room_solution *s, uint64_t from, uint64_t to) {
 }
 
 #define ALONE  LW_COARSE_FIRST_ALONE
-#define FRAMES LW_COARSE_FIRST_FRAMES
+#define FRAMES LW_COARSE_TILES_FRAMES
 
 /* In a closed room whose walls all emit Le and reflect rho, bounce k adds pi Le rho^k. */
 static void test_a_furnace(void **state) {
