@@ -10,15 +10,15 @@
 #ifndef LW_RELAY_NATS_FEED_H
 #define LW_RELAY_NATS_FEED_H
 
-#include "common/nats/nats_trust.h"
 #include "common/tile/atlas.h"
+#include "common/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 
 struct lw_nats_feed;
 
 struct lw_nats_feed_desc {
     const struct lw_nats_wire_address *address; /* copied */
-    struct lw_nats_trust trust;                 /* for an address of TLS */
+    struct lw_tls_trust_desc trust;             /* for an address of TLS */
     uint64_t relay;                             /* number of the relay */
     unsigned timeout_ms;                        /* for connecting */
     bool takes_old;                             /* light of a lightwelld that is gone is better than none */

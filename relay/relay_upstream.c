@@ -574,13 +574,12 @@ static enum lw_status connect_feed(struct lw_relay_upstream *up, const struct lw
     if (status == LW_OK && desc->control)
         status = lw_status_fail(err, LW_NOT_ALLOWED, "changes of the scene do not go through NATS");
     if (status == LW_OK)
-        status = lw_nats_feed_create(
-            &(struct lw_nats_feed_desc){.address = &address,
-                                        .trust = {desc->nats_trust->ca, desc->nats_trust->trusts_all},
-                                        .relay = desc->relay,
-                                        .timeout_ms = desc->timeout_ms,
-                                        .takes_old = !desc->has_light},
-            &up->feed, &socket, err);
+        status = lw_nats_feed_create(&(struct lw_nats_feed_desc){.address = &address,
+                                                                 .trust = *desc->nats_trust,
+                                                                 .relay = desc->relay,
+                                                                 .timeout_ms = desc->timeout_ms,
+                                                                 .takes_old = !desc->has_light},
+                                     &up->feed, &socket, err);
     if (status != LW_OK) return status;
     return lw_link_connect(&up->link, &(struct lw_link_desc){.host = address.name, .socket = &socket}, err);
 }

@@ -4,9 +4,9 @@
 #ifndef LW_SERVER_DAEMON_SETTINGS_H
 #define LW_SERVER_DAEMON_SETTINGS_H
 
-#include "common/nats/nats_trust.h"
 #include "common/open/scene_open.h"
 #include "common/options_config.h"
+#include "common/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 #include "server/cost_report.h"
 #include "server/probe_options.h"
@@ -30,7 +30,7 @@ struct lw_daemon_settings {
     struct lw_serve_options serve;
     const char *nats; /* NULL: none */
     struct lw_nats_wire_address nats_address;
-    struct lw_nats_trust nats_trust;
+    struct lw_tls_trust_desc nats_trust;
     const char *plan_log;
     const char *crossover_report;
     struct lw_cost_report renderers; /* from that report */

@@ -5,15 +5,9 @@
 #define LIGHTWELL_TLS_TRUST_H
 
 #include "common/status.h"
+#include "common/tls_trust_desc.h"
 
 struct ssl_ctx_st; /* OpenSSL's SSL_CTX */
-
-/** Zero: no TLS. */
-struct lw_tls_trust_desc {
-    bool wanted;
-    const char *ca;  /* a file of certificates in PEM whose servers are believed; NULL: those of the system */
-    bool trusts_all; /* anybody is believed: for tests */
-};
 
 /** Reads the certificates; NULL without TLS. For lw_link_connect(), and then lw_tls_trust_unref().
  * Errors: LW_NO_INPUT, LW_BAD_DATA, LW_IO, each naming the file; LW_NO_MEMORY. */

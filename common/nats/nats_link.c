@@ -169,7 +169,7 @@ static natsStatus set_options(natsOptions *options, const struct lw_nats_link_de
 /* Errors: as lw_nats_link_create(). */
 static enum lw_status set_tls(natsOptions *options, const struct lw_nats_link_desc *desc,
                               struct lw_error *err) {
-    const struct lw_nats_trust *trust = &desc->trust;
+    const struct lw_tls_trust_desc *trust = &desc->trust;
     if (!desc->tls_host) return LW_OK;
     if (trust->ca && access(trust->ca, R_OK) != 0)
         return lw_status_fail(err, errno == ENOENT ? LW_NO_INPUT : LW_IO, "--ca: %s: %s", trust->ca,

@@ -7,8 +7,8 @@
 #ifndef LW_NATS_NATS_LINK_H
 #define LW_NATS_NATS_LINK_H
 
-#include "common/nats/nats_trust.h"
 #include "common/status.h"
+#include "common/tls_trust_desc.h"
 
 #include <nats/nats.h>
 #include <stdbool.h>
@@ -17,10 +17,10 @@
 struct lw_nats_link;
 
 struct lw_nats_link_desc {
-    const char *url;            /* nats://... or tls://...; may hold a password */
-    const char *tls_host;       /* by TLS, with a server of this name or number; NULL: in plain */
-    struct lw_nats_trust trust; /* for tls_host */
-    const char *name;           /* the server's name for people; outlives the link */
+    const char *url;                /* nats://... or tls://...; may hold a password */
+    const char *tls_host;           /* by TLS, with a server of this name or number; NULL: in plain */
+    struct lw_tls_trust_desc trust; /* for tls_host */
+    const char *name;               /* the server's name for people; outlives the link */
     const char *client;
     unsigned timeout_ms;
     uint32_t queue_max; /* messages, and 64 MiB; further ones are dropped, which LW_NATS_LINK_DROPPED tells */

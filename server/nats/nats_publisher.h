@@ -10,7 +10,7 @@
 #ifndef LW_NATS_NATS_PUBLISHER_H
 #define LW_NATS_NATS_PUBLISHER_H
 
-#include "common/nats/nats_trust.h"
+#include "common/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 #include "server/publish/snapshot.h"
 
@@ -30,7 +30,7 @@ struct lw_nats_publisher_wants {
 
 struct lw_nats_publisher_desc {
     const struct lw_nats_wire_address *address; /* copied */
-    struct lw_nats_trust trust;                 /* for an address of TLS */
+    struct lw_tls_trust_desc trust;             /* for an address of TLS */
     const struct lw_atlas_map *map;             /* outlives it */
     uint32_t object_count, light_count;
     uint32_t channels; /* a bit for each channel that the light may have (tile_channels.h) */
