@@ -57,21 +57,17 @@ static const char *find_hindrance(const struct lw_daemon_settings *s, const stru
 }
 
 /* Whether a budget that somebody has given is enough. */
-static enum lw_status check_budget(const struct need *need, const char *hindrance, uint64_t memory,
-                                   struct lw_error *err) {
+static enum lw_status check_budget(const struct lw_solver_desc *desc, const struct need *need,
+                                   const char *hindrance, uint64_t memory, struct lw_error *err) {
     if (need->whole <= memory) return LW_OK;
     if (hindrance)
-        return lw_status_fail(err, LW_NO_MEMORY,
-                              "%.2g M texels need %.0f MB for their light, over %.0f (--memory): %s needs "
-                              "less, and --texels-per-metre gives fewer",
-                              need->texels_m, mb(need->whole), mb(memory), hindrance);
-    if (need->least > memory)
-        return lw_status_fail(err, LW_NO_MEMORY,
-                              "%.2g M texels need %.0f MB for their light%s, over %.0f (--memory): "
-                              "--texels-per-metre gives fewer",
-                              need->texels_m, mb(need->least),
-                              need->least < need->whole ? " even where it is coarse" : "", mb(memory));
-    return LW_OK;
+        return lw_memory_forecast_refuse(err, desc, need->whole, " for their light", memory,
+                                         "%s needs less, and --texels-per-metre gives fewer", hindrance);
+    if (need->least <= memory) return LW_OK;
+    return lw_memory_forecast_refuse(err, desc, need->least,
+                                     need->least < need->whole ? " for their light even where it is coarse"
+                                                               : " for their light",
+                                     memory, "--texels-per-metre gives fewer");
 }
 
 /* The default refuses nothing. */
@@ -96,7 +92,7 @@ enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings
     const char *hindrance = find_hindrance(settings, &need);
     const uint64_t memory =
         is_default ? default_budget(&need, hindrance) : (uint64_t)settings->memory_mb * 1000000;
-    const enum lw_status status = check_budget(&need, hindrance, memory, err);
+    const enum lw_status status = check_budget(desc, &need, hindrance, memory, err);
     if (status != LW_OK) return status;
     const bool fits = need.whole <= memory;
     const uint64_t left = memory - (fits ? need.whole : need.sparse),

@@ -17,4 +17,12 @@ uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc);
 /** Bytes of this machine's memory. */
 uint64_t lw_memory_forecast_machine(void);
 
+/** Says that --memory, of `memory` bytes, is less than the texels of desc->scene need.
+ * how     goes behind the number of MB, such as " even tile by tile"; may be empty
+ * advice  what to set, as for printf()
+ * Returns LW_NO_MEMORY. */
+enum lw_status lw_memory_forecast_refuse(struct lw_error *err, const struct lw_solver_desc *desc,
+                                         uint64_t needed, const char *how, uint64_t memory,
+                                         const char *advice, ...) __attribute__((format(printf, 6, 7)));
+
 #endif
