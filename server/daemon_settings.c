@@ -109,19 +109,16 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          LW_OPTION_STRING, &s->nats, 0, 0, NULL},
         {"ca", "FILE",
          "with --nats tls://...: a file with the certificate, in PEM, of the nats-server to believe, or of "
-         "its "
-         "issuer (default: the issuers that the system believes)",
+         "its issuer (default: the issuers that the system believes)",
          LW_OPTION_STRING, &s->nats_trust.ca, 0, 0, NULL},
         {"tls-insecure", NULL,
          "with --nats tls://...: believe anybody who answers: whom it goes through can read and change all "
-         "of "
-         "it. For tests",
+         "of it. For tests",
          LW_OPTION_FLAG, &s->nats_trust.trusts_all, 0, 0, NULL},
         LW_OPTIONS_CONFIG(&s->config),
         {"crossover-report", "FOLDER",
-         "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what renderers "
-         "for "
-         "each user cost (default none)",
+         "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what "
+         "renderers for each user cost (default none)",
          LW_OPTION_STRING, &s->crossover_report, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
@@ -137,58 +134,51 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          1000, NULL},
         {"frame-budget-ms", "MS",
          "wall time that a frame may take for solving, about, so that changes are heard of soon; what is "
-         "left is for the "
-         "next. inf: as long as it takes. Under the real clock alone (default 33)",
+         "left is for the next. inf: as long as it takes. Under the real clock alone (default 33)",
          LW_OPTION_REAL, &s->frame_budget_ms, 1, (double)INFINITY, NULL},
         {"frame-budget-units", "N",
          "work that a frame may do, about, as the texels that it solves if it does nothing else: a budget "
-         "that "
-         "is repeatable. Under the step and manual clocks alone (default inf)",
+         "that is repeatable. Under the step and manual clocks alone (default inf)",
          LW_OPTION_REAL, &s->frame_budget_units, 1, (double)INFINITY, NULL},
         {"detail", "N",
          "lightmaps are up to 2^N times finer where somebody is near, for clients that can read such (0 to "
-         "4; "
-         "default 4)",
+         "4; default 4)",
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
         {"memory", "MB",
          "memory for light, at most. Where the lightmaps of all of the scene fit, the rest is for what is "
-         "finer; else only what clients look at is as dense as asked for (default: half of "
-         "the machine's, 1/32 of it up to 805 MB for what is finer)",
+         "finer; else only what clients look at is as dense as asked for (default: half of the machine's, "
+         "1/32 of it up to 805 MB for what is finer)",
          LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
         {"plan-log", "FILE",
          "write there what each frame verifies, solves and shows, and why; for reports of faults. It grows "
-         "by "
-         "what changes, some kB a frame (default: none)",
+         "by what changes, some kB a frame (default: none)",
          LW_OPTION_STRING, &s->plan_log, 0, 0, NULL},
         {"clock", "real|step|manual",
-         "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, repeatable. "
-         "manual: the same, and a frame begins with each line on stdin, whose end stops the server",
+         "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, "
+         "repeatable. manual: the same, and a frame begins with each line on stdin, whose end stops the "
+         "server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
         {"light", "whole|seen", "seen: what clients look at and what lights it (default). whole: all of it",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"prepare", "SECONDS",
          "with --light seen, light is made better for so long while nobody looks, all over the scene, so "
-         "that "
-         "who comes first finds it good; then nothing is solved until somebody does. Under the real clock "
-         "alone (default 120)",
+         "that who comes first finds it good; then nothing is solved until somebody does. Under the real "
+         "clock alone (default 120)",
          LW_OPTION_REAL, &s->prepare_s, 0, 1e9, NULL},
         {"light-groups", "NAMES",
-         "lights that have a layer of their own, so that to dim, recolour or switch them takes no ray: names "
-         "of lights, "
-         "emissive materials or \"sky\", apart by commas; up to three groups, apart by semicolons. none: one "
-         "layer for all "
-         "(default: what the scene's animation moves)",
+         "lights that have a layer of their own, so that to dim, recolour or switch them takes no ray: "
+         "names of lights, emissive materials or \"sky\", apart by commas; up to three groups, apart by "
+         "semicolons. none: one layer for all (default: what the scene's animation moves)",
          LW_OPTION_STRING, &s->light_groups, 0, 0, NULL},
         {"client-lights", "auto|lamps|none|NAMES",
          "lights whose direct light clients draw at their pixels, if they can; all others get it in tiles. "
-         "auto: what the scene's file says, else suns, points, "
-         "spots and small emissive surfaces (default). lamps: without the surfaces. none; or names of lights "
-         "and "
-         "emissive materials, apart by commas",
+         "auto: what the scene's file says, else suns, points, spots and small emissive surfaces "
+         "(default). lamps: without the surfaces. none; or names of lights and emissive materials, apart "
+         "by commas",
          LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"codec", "half|dct",
-         "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to "
-         "sixty times the bytes, for clients that read nothing else",
+         "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to sixty "
+         "times the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
         {"tile-step", "STEP",
          "dct's widest step, in powers of two of light (default 0.1); twice that: a third fewer bits, up "
@@ -208,14 +198,12 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "that until first light)",
          LW_OPTION_REAL, &s->stall_s, 0.001, 1e9, NULL},
         {"keep", "FOLDER",
-         "keep the light there over a restart: what was shown, and of a scene that never changed the sums as "
-         "well",
+         "keep the light there over a restart: what was shown, and of a scene that never changed the sums "
+         "as well",
          LW_OPTION_STRING, &s->keep, 0, 0, NULL},
         {"cache", "FOLDER",
          "keep there what is found once per scene, so that the next start need not look inside objects "
-         "again; "
-         "\"\": "
-         "nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
+         "again; \"\": nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         {"directional", "auto|on|off",
          "keep where light comes from, so that clients show normal maps and gloss by it. auto: of objects "
@@ -226,9 +214,8 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "prepared (default). whole: no light before that",
          LW_OPTION_CHOICE, &s->first, 0, 0, NULL},
         {"spares", "MESH=N,...",
-         "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. "
-         "Costs the "
-         "memory of as many objects, and no ray (default: none; what is removed can be added again)",
+         "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. Costs "
+         "the memory of as many objects, and no ray (default: none; what is removed can be added again)",
          LW_OPTION_STRING, &s->spares, 0, 0, NULL},
         LW_LOG_OPTIONS(&s->log_format, &s->log_level),
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
