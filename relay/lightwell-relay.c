@@ -121,8 +121,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         LW_ACCESS_OPTIONS(&s->access_options),
         {"cache", "FOLDER",
          "keep scene packages there by their hashes, so that none is downloaded twice; \"\": nowhere "
-         "(default "
-         "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
+         "(default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         LW_OPTIONS_CONFIG(&s->config),
         LW_LOG_OPTIONS(&s->log_format, &s->log_level),

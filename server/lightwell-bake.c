@@ -230,8 +230,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_FLAG, &s->gltf_split_sides, 0, 0, NULL},
         {"sides", LW_SIDES_CHOICES,
          "whose light double-sided triangles show in that file: auto: the side that its cameras see, else "
-         "the "
-         "one with more light (default); front; back",
+         "the one with more light (default); front; back",
          LW_OPTION_CHOICE, &s->sides, 0, 0, NULL},
         {"time", "SECONDS", "moment of the scene's animation (default 0)", LW_OPTION_REAL, &s->time_s, 0, 1e9,
          NULL},

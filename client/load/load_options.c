@@ -106,8 +106,7 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
         {.name = "reader",
          .argument = "fast|slow:KBPS|never",
          .help = "How a user reads: at once (default); at a rate of kilobytes per second; or not at all "
-                 "after its "
-                 "first frame.",
+                 "after its first frame.",
          .kind = LW_OPTION_STRING,
          .value = &raw.reader},
         {.name = "odd-readers",

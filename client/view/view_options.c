@@ -250,8 +250,7 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
         {.name = "direct",
          .argument = LW_VIEW_DIRECT_CHOICES,
          .help = "Direct light of suns and lamps: drawn here, with sharp shadows, where the server leaves it "
-                 "to viewers "
-                 "(auto, default); or as its tiles have it.",
+                 "to viewers (auto, default); or as its tiles have it.",
          .kind = LW_OPTION_CHOICE,
          .value = &raw.direct},
         {.name = "renderer",

@@ -152,8 +152,7 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
         {.name = "read-seconds",
          .argument = "S",
          .help = "Processor time that the reader of OBJ, PLY, FBX, Collada and STL may take before it is "
-                 "stopped. "
-                 "Default: 20 and 10 per MiB of the file.",
+                 "stopped. Default: 20 and 10 per MiB of the file.",
          .kind = LW_OPTION_REAL,
          .value = &arguments->read_seconds,
          .min = 1,
@@ -538,8 +537,7 @@ static void warn_of_bound(const struct arguments *arguments, const struct lw_sce
     const struct lw_lightmap_report *r = &report[scene->object[coarsest].mesh];
     lw_log(LW_LOG_WARNING,
            "%s: %.2g m texels (object \"%s\", the coarsest of %u): %.3g texels a metre were wanted, and %u "
-           "texels in "
-           "all are the most; set --max-texels or --texels-per-metre",
+           "texels in all are the most; set --max-texels or --texels-per-metre",
            arguments->scene, 1 / (double)r->texels_per_metre, scene->object[coarsest].name, count,
            (double)r->density_wanted, r->texels_max);
 }
