@@ -76,16 +76,21 @@ forbid server/serve '(embree|common/trace/)' 'serve traces no rays'
 # Rooms of importing: import <- { images, mesh } <- gltf, { import, mesh } <- text <- foreign.
 forbid server/import/images 'server/import/(mesh|text|gltf|foreign)/' 'pictures know no format of scenes'
 forbid server/import/mesh 'server/import/(images|text|gltf|foreign)/' 'meshes know no format'
-forbid server/import/text 'server/import/(images|gltf|foreign)/|assimp/' 'text knows neither pictures nor Assimp'
+forbid server/import/text 'server/import/(images|gltf|foreign)/|assimp/' \
+    'text knows neither pictures nor Assimp'
 forbid server/import/gltf 'server/import/(text|foreign)/|assimp/' 'glTF has a reader of its own'
 forbid server/import/foreign 'server/import/gltf/' 'Assimp reads no glTF'
 # Rooms of serving: { admission, metrics, tiles } <- sessions <- transports <- web <- the server.
 own='server/serve/[a-z_]+\.h'
-for room in admission metrics tiles; do forbid server/serve/$room "server/serve/(sessions|transports|web)/|$own" "$room knows no sessions"; done
+for room in admission metrics tiles; do
+    forbid server/serve/$room "server/serve/(sessions|transports|web)/|$own" "$room knows no sessions"
+done
 forbid server/serve/sessions "server/serve/(transports|web)/|$own" 'a session does not know its link'
 forbid server/serve/transports "server/serve/web/|$own" 'transports know no HTTP server'
 forbid server/serve/web "$own" 'web does not know the server'
-for folder in common proto client relay tests server/{solve,publish,serve,bake,nats}; do forbid "$folder" 'assimp/' 'only server/import/foreign uses Assimp'; done
+for folder in common proto client relay tests server/{solve,publish,serve,bake,nats}; do
+    forbid "$folder" 'assimp/' 'only server/import/foreign uses Assimp'
+done
 forbid client/gl '(SDL|client/view/(window/|headless|path_command))' 'the GL renderer knows no window'
 for folder in common/image common/light common/scene common/tile proto server client relay tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
 

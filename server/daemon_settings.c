@@ -146,8 +146,8 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
         {"memory", "MB",
          "memory for light, at most. Where the lightmaps of all of the scene fit, the rest is for what is "
-         "finer; else only what clients look at is as dense as asked for (default: half of the machine's, "
-         "1/32 of it up to 805 MB for what is finer)",
+         "finer; else only what clients look at is as dense as asked for (default: half of the machine's; "
+         "for what is finer a 32nd of the machine's, up to 805)",
          LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
         {"plan-log", "FILE",
          "write there what each frame verifies, solves and shows, and why; for reports of faults. It grows "

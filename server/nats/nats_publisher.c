@@ -91,7 +91,7 @@ struct lw_nats_publisher {
     size_t payload_capacity;
     uint64_t *bits; /* one for each tile of no finer level */
     struct lw_fine_wishes wishes;
-    uint64_t fine[LW_NATS_PUBLISHER_FINE_MAX]; /* what they come to */
+    uint64_t fine[LW_NATS_PUBLISHER_FINE_MAX]; /* the names that it gave last */
 };
 
 /* ---- channels ---- */

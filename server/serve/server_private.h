@@ -24,7 +24,7 @@ struct lw_server_endpoint {
     bool is_held;               /* one more came: it is taken in the next turn */
 };
 
-/* Interest of those who are no sessions, copied. */
+/* The interest of relays over NATS, copied: they have no sessions. */
 struct lw_server_outside_copy {
     uint32_t channels; /* bit for each; 0: nobody is there */
     bool everything;

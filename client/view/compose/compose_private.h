@@ -6,7 +6,7 @@
  *   compose_finish.c  the lanes of a packet that meet surfaces with a finish
  *   compose_look.c    a hit: the light there, its point and normal, what leaves it
  *   compose_patch.c   a triangle that pixels meet
- *   compose_texels.c  bilinear look-ups in the levels, and what stands in for them
+ *   compose_texels.c  bilinear look-ups in the levels, or in coarser ones where those lack
  *
  * Threads: rendering threads share struct lw_compose; patches and packets belong to one of them.
  *          For these files alone. */

@@ -1,4 +1,4 @@
-/* compose_texels.h: bilinear look-ups in the levels of an atlas, and what stands in for a missing level.
+/* compose_texels.h: bilinear look-ups in the levels of an atlas, in a coarser one where a level lacks.
  * Flow:    level, coordinates -> [compose_texels] -> the footprint, its light; needed tiles
  * Threads: any rendering thread. The look-ups are inline: each pixel has one. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_COMPOSE_TEXELS_H

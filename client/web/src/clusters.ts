@@ -1,5 +1,6 @@
 // clusters.ts: small emissive meshes as lamps: which triangles are one, and how bright it is in each
-// direction; as client/view/lights/emitter_clusters.h from afar. The renderer draws their light with a shadow map.
+// direction; as client/view/lights/emitter_clusters.h from afar. The renderer draws their light with a shadow
+// map.
 // Flow:   scene, frames -> [clusters] -> lights.ts
 import { LAMPS_MAX, SUNS_MAX } from './limits.ts';
 import { AlphaMode, type Light, LightKind, type Material, NONE, type Scene } from './package.ts';

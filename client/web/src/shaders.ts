@@ -1,5 +1,5 @@
-// shaders.ts: what the GPU runs. Shading is client/view/compose/compose_hits.c's: albedo / pi * E + emission, E from the
-// level whose texels are as large as pixels, or what stands in for it.
+// shaders.ts: what the GPU runs. Shading is client/view/compose/compose_hits.c's: albedo / pi * E + emission.
+// E is from the level whose texels are as large as pixels, or from the one that is read in its place.
 
 import { SHARE_WHOLE, SLOT_BITS } from './finer.ts';
 import { FINISH } from './finish_shaders.ts';
