@@ -2,13 +2,14 @@
 // only the client has. One server for all. With LW_LONG a hundred mounts instead of three, and a server that
 // goes and comes back.
 import assert from 'node:assert/strict';
-import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { connect, createServer } from 'node:net';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test, { after, before } from 'node:test';
+import { setTimeout as pause } from 'node:timers/promises';
 
-import { bin, hasDaemon, startDaemon } from './daemon.mjs';
+import { bin, hasDaemon, LIMIT_MS, startDaemon } from './daemon.mjs';
 import { serveExample } from './example.mjs';
 import { web } from './load.mjs';
 import { compare, hasBrowser, pixelsOf, until } from './page.mjs';
@@ -44,6 +45,10 @@ before(async () => {
     '4',
     '--error',
     '0.1',
+    '--metrics',
+    '127.0.0.1:0',
+    '--metrics-port-file',
+    join(folder, 'metrics.port'),
   ];
   daemon = await startDaemon(scene, ...light, '--http-origin', site.origin);
   address = `ws://${new URL(daemon.url).host}/ws`;
@@ -55,6 +60,18 @@ after(async () => {
   site?.server.closeAllConnections();
   if (folder) rmSync(folder, { recursive: true });
 });
+
+/** Until the daemon has all of its light: before, it may be off by more than tests allow. */
+async function converged() {
+  const port = readFileSync(join(folder, 'metrics.port'), 'utf8').trim();
+  for (const end = Date.now() + LIMIT_MS; ; await pause(50)) {
+    const text = await (await fetch(`http://127.0.0.1:${port}/metrics`)).text();
+    const figure = (name) => Number(new RegExp(`^${name} (.*)$`, 'm').exec(text)?.[1]);
+    const tiles = figure('lightwell_tiles');
+    if (tiles && figure('lightwell_converged_tiles') === tiles) return;
+    assert.ok(Date.now() < end, 'the light converges');
+  }
+}
 
 /** A page with the globals of three_page.html. origin: where it comes from. */
 function withThree(look, origin = site.origin) {
@@ -286,8 +303,9 @@ test(`three: ${MOUNTS} mounts leave the scene as it was, and nothing behind`, sk
   }),
 );
 
-test('three: light for objects that only the client has', skip, () =>
-  withThree(async (page) => {
+test('three: light for objects that only the client has', skip, async () => {
+  await converged();
+  await withThree(async (page) => {
     const result = await page.evaluate(async (address) => {
       const scene = await load();
       const light = await Lightwell.attach(scene, address, { keyLights: false });
@@ -408,8 +426,8 @@ test('three: light for objects that only the client has', skip, () =>
     console.log(`followed, by WebGPURenderer: FLIP ${same.flip}; not followed: FLIP ${other.flip}`);
     assert.ok(same.flip < 0.02, `FLIP ${same.flip}`);
     assert.ok(other.flip > 0.02, `FLIP ${other.flip}`);
-  }),
-);
+  });
+});
 
 const goes = { skip: missing || (!long && 'LW_LONG is not set') };
 test('three: a server that goes, comes back, and then wants a token', goes, () =>
