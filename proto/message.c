@@ -491,6 +491,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->ping.token = m->ping.token;
         break; /* one layout for both */
     case LW_MESSAGE_HOLDS:
+        wire->holds.frame = m->holds.frame;
         break;
     case LW_MESSAGE_ASK:
         wire->ask.request = m->ask.request;
@@ -888,7 +889,7 @@ static enum lw_status read_holds(const Lightwell__Wire__Holds *w, struct lw_mess
     if (w->n_level != count || w->n_tile != count || w->n_version != count)
         return invalid(err, "object, level, tile and version", "differ in length");
     if (count > LW_MESSAGE_HOLDS_MAX) return over(err, "tile", "has", LW_MESSAGE_HOLDS_MAX, " entries");
-    m->holds = (struct lw_message_holds){.tile_count = count};
+    m->holds = (struct lw_message_holds){.tile_count = count, .frame = w->frame};
     if (!count) return LW_OK;
     struct lw_message_held *tile = storage->list[0] = storage_alloc(storage, count * sizeof *tile);
     if (!tile) return LW_NO_MEMORY;

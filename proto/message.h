@@ -229,6 +229,7 @@ struct lw_message_holds {
         uint64_t version;
     } * tile;
     size_t tile_count;
+    uint64_t frame; /* the last one that the client was sent in this run; 0: none */
 };
 
 struct lw_message_ping {

@@ -684,8 +684,7 @@ static enum lw_status ask_for_finishes(struct lw_client *c, struct lw_error *err
 
 /* Sends the list of tiles that the server need not send. Where the link is busy some are left out: they come
  * again. */
-static enum lw_status send_held(struct lw_client *c, struct lw_error *err) {
-    if (!c->replica || !c->may_hold) return LW_OK;
+static enum lw_status send_held_tiles(struct lw_client *c, struct lw_error *err) {
     const struct lw_atlas_map *map = lw_replica_atlas_map(c->replica);
     struct lw_message_held *held = malloc(HOLDS_AT_ONCE * sizeof *held);
     if (!held) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
@@ -699,12 +698,21 @@ static enum lw_status send_held(struct lw_client *c, struct lw_error *err) {
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), version};
         if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->plain_count)) continue;
-        const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
+        const struct lw_message message = {.type = LW_MESSAGE_HOLDS,
+                                           .holds = {.tile = held, .tile_count = count}};
         status = lw_link_send(&c->link, &message, err);
         count = 0;
     }
     free(held);
     return status;
+}
+
+/* Says which frame it has, so that no earlier one comes, and which tiles. */
+static enum lw_status send_held(struct lw_client *c, struct lw_error *err) {
+    const struct lw_message frame = {.type = LW_MESSAGE_HOLDS, .holds.frame = c->stats.frame};
+    if (!c->replica || !c->may_hold) return LW_OK;
+    const enum lw_status status = c->stats.frame ? lw_link_send(&c->link, &frame, err) : LW_OK;
+    return status == LW_OK ? send_held_tiles(c, err) : status;
 }
 
 /* Until there is something to read, or a deadline. */

@@ -92,7 +92,7 @@ static void each_part_dies_in_turn(void **state) {
     const uint64_t tiles = lw_relays_stats(1).tiles;
     kill_it(&relay[0]);
     lw_relays_start(&relay[0], address("room"), "");
-    lw_relays_reconnect_to(1, &relay[0]);
+    lw_relays_reconnect(1);
     lw_relays_expect_same();
     assert_int_equal(lw_relays_stats(1).tiles, tiles);
     change(&hide_5);

@@ -73,7 +73,7 @@ static void light_comes_by_tls(void **state) {
         snprintf(options, sizeof options, "%s%s", i ? "--tls --ca " : "--tls-insecure", i ? certificate : "");
         assert_int_equal(lw_process_stop(&relay, SIGTERM, LW_PROCESS_LIMIT_S), 0);
         lw_relays_start(&relay, address("localhost"), options);
-        lw_relays_reconnect_to(1, &relay);
+        lw_relays_reconnect(1);
         lw_relays_expect_same();
     }
     lw_nats_case_kill(&nats);

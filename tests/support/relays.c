@@ -226,15 +226,6 @@ void lw_relays_reconnect(int i) {
     } while (lw_client_reconnect(lw_relays_client[i], &err) != LW_OK);
 }
 
-void lw_relays_reconnect_to(int i, const struct lw_process *relay) {
-    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
-    while (lw_relays_figure(relay, "lightwell_frame") < (double)lw_relays_stats(i).frame) {
-        assert_true(lw_clock_ns() < end_ns);
-        lw_support_pause();
-    }
-    lw_relays_reconnect(i);
-}
-
 double lw_relays_figure(const struct lw_process *process, const char *name) {
     struct lw_client *operator_ = NULL;
     struct lw_error err = {0};

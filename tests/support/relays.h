@@ -26,9 +26,6 @@ void lw_relays_join(int i, uint16_t port);
 void lw_relays_join_with(int i, uint16_t port, struct lw_client_desc desc);
 /** Waits for the session's end, and for another one. */
 void lw_relays_reconnect(int i);
-/** The same at a relay that has begun with kept light, once it has the frame that the client has: before, it
- * would be sent an earlier one. */
-void lw_relays_reconnect_to(int i, const struct lw_process *relay);
 /** Ends the test if a session has ended. */
 void lw_relays_poll(void);
 struct lw_client_stats lw_relays_stats(int i);

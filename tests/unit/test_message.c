@@ -128,7 +128,9 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_REPORT, .report = {1, LW_REPORT_UNKNOWN, NULL, 0}},
     {.type = LW_MESSAGE_WAITING, .waiting = {LW_WAITING_LOOKING_INSIDE, 0.42f}},
     {.type = LW_MESSAGE_WAITING, .waiting = {LW_MESSAGE_WAITING_STAGE_MAX, 1}},
-    {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
+    {.type = LW_MESSAGE_HOLDS, .holds = {held, 2, 0}},
+    {.type = LW_MESSAGE_HOLDS, .holds = {held, 2, FAR}},
+    {.type = LW_MESSAGE_HOLDS, .holds.frame = FAR},
     {.type = LW_MESSAGE_HOLDS},
 };
 #define SAMPLES (sizeof samples / sizeof *samples)
@@ -235,6 +237,7 @@ static void expect_equal(const struct lw_message *a, const struct lw_message *b)
         break;
     case LW_MESSAGE_HOLDS:
         assert_int_equal(a->holds.tile_count, b->holds.tile_count);
+        assert_int_equal(a->holds.frame, b->holds.frame);
         for (size_t i = 0; i < a->holds.tile_count; i++) {
             assert_int_equal(a->holds.tile[i].object, b->holds.tile[i].object);
             assert_int_equal(a->holds.tile[i].level, b->holds.tile[i].level);

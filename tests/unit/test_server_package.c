@@ -329,6 +329,43 @@ static void test_what_is_held_is_not_sent(void **state) {
     serving_end(f);
 }
 
+/* A client comes from another relay, which is two frames ahead of this one. */
+static void test_no_frame_before_the_held_one(void **state) {
+    (void)state;
+    struct serving *f = serving_start(&(struct lw_server_desc){.relay = 5});
+    struct lw_message_welcome welcome;
+    serving_publish(f, serving_make_snapshot(f, 7, 0));
+    int s = serving_dial_again(f, &welcome);
+    const uint64_t frames[] = {9, 8}; /* the later one counts */
+    for (int i = 0; i < 2; i++)
+        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds.frame = frames[i]});
+    serving_ask_for_package(s, welcome.package_compressed_size);
+    serving_expect_silence(s);
+    serving_publish(f, serving_make_snapshot(f, 8, 7));
+    serving_expect_silence(s);
+    serving_publish(f, serving_make_snapshot(f, 9, 8));
+    serving_expect_frame(s, 9, 1);
+    serving_expect_tiles(s, f->map.tile_count, 9);
+    close(s);
+    serving_end(f);
+}
+
+static void test_a_frame_that_is_not_yet(void **state) {
+    (void)state;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    struct lw_message_welcome welcome;
+    serving_publish(f, serving_make_snapshot(f, 7, 0));
+    int s = serving_dial_again(f, &welcome);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds.frame = 7});
+    serving_ask_for_package(s, welcome.package_compressed_size);
+    serving_expect_frame(s, 7, 1);
+    close(s);
+    s = serving_dial_again(f, &welcome);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds.frame = 8});
+    serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
+    serving_end(f);
+}
+
 int main(void) {
     const struct CMUnitTest in_split_form[] = {
         cmocka_unit_test(test_what_is_held_is_not_sent),
@@ -338,9 +375,9 @@ int main(void) {
         cmocka_unit_test(test_finishes_out_of_order),
     };
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_package_from_offset),
-        cmocka_unit_test(test_parts_of_the_package),
-        cmocka_unit_test(test_what_is_held_is_not_sent),
+        cmocka_unit_test(test_package_from_offset),      cmocka_unit_test(test_parts_of_the_package),
+        cmocka_unit_test(test_what_is_held_is_not_sent), cmocka_unit_test(test_no_frame_before_the_held_one),
+        cmocka_unit_test(test_a_frame_that_is_not_yet),
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     return failed + cmocka_run_group_tests(in_split_form, serving_ask_for_split, NULL);

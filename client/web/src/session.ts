@@ -58,6 +58,7 @@ export interface Kept {
   packageHash: string;
   drawn: string; // which lights the client draws, and how many finer levels there are
   run: bigint;
+  frame: bigint; // the last one of that run
   download: Download | null;
   finishes: Download | null; // on their way
   finishHash: string; // of those that the host has; '': none
@@ -69,6 +70,7 @@ export function nothingKept(): Kept {
     packageHash: '',
     drawn: '',
     run: 0n,
+    frame: 0n,
     download: null,
     finishes: null,
     finishHash: '',
@@ -286,7 +288,7 @@ export class Session {
       if (frame.frame < this.lastFrame)
         throw new ProtocolError(`message FRAME: ${frame.frame} after ${this.lastFrame}`);
       replica.takeFrame(frame);
-      this.lastFrame = frame.frame;
+      this.lastFrame = this.kept.frame = frame.frame;
       this.kept.run = frame.run || this.kept.run;
       this.flush();
       this.host.frame({ frame, visible: replica.takeVisible() });
@@ -347,6 +349,7 @@ export class Session {
     const sameFinishes = !kept.finishHash || kept.finishHash === finishHash;
     const samePackage = hex(welcome.package.hash) === kept.packageHash && sameFinishes;
     kept.run = welcome.run;
+    if (!sameRun) kept.frame = 0n;
     kept.packageHash = hex(welcome.package.hash);
     if (kept.replica && (!samePackage || !kept.replica.isFor(welcome.features) || kept.drawn !== drawn)) {
       kept.replica.destroy();
@@ -433,6 +436,7 @@ export class Session {
 
   private sendHolds(replica: Replica): void {
     if (!(this.welcome!.features & wire.Feature.RESUME)) return replica.beginRun();
+    if (this.kept.frame) this.host.send(wire.writeHoldsFrame(this.kept.frame));
     const { ids, version } = replica.held();
     for (let at = 0; at < ids.length; at += wire.HOLDS_MAX)
       this.host.send(

@@ -688,6 +688,11 @@ export function writeHolds(list: TileList, version: BigUint64Array): Uint8Array<
     .finish(Type.HOLDS);
 }
 
+/** No FRAME before this one is to come. */
+export function writeHoldsFrame(frame: bigint): Uint8Array<ArrayBuffer> {
+  return new Writer().uint(5, frame).finish(Type.HOLDS);
+}
+
 export function writeAck(frame: bigint): Uint8Array<ArrayBuffer> {
   return new Writer().uint(1, frame).finish(Type.ACK);
 }

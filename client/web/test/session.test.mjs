@@ -133,7 +133,7 @@ test('a session gets scene and light, and comes back with what it has', { skip }
 
     const second = new Connection(daemon.port, kept, tiles, parts);
     await second.until('more light', () => second.settledFrame > 0);
-    assert.equal(held(second), 1);
+    assert.equal(held(second), 2, 'its frame and its tiles');
     assert.equal(kept.replica, replica);
     assert.equal(second.replica, undefined, 'the scene is kept');
     assert.equal(second.tileCount, 0, 'and so is its light');

@@ -105,6 +105,7 @@ for (const [name, bytes] of [
     'holds_two.bin',
     wire.writeHolds(list([0, 4, 0], [17, 0, 35]), BigUint64Array.of(1n, 0x0123456789abcdefn)),
   ],
+  ['holds_frame.bin', wire.writeHoldsFrame(300n)],
   ['package_request_empty.bin', wire.writePackageRequest(0, none)],
 ])
   test(`written as ${name}`, () => assert.deepEqual(Buffer.from(bytes), readFileSync(join(folder, name))));

@@ -172,6 +172,10 @@ static void handle_holds(struct lw_session *s, const struct lw_message_holds *ho
         }
         take->sent[id] = t.version;
     }
+    if (holds->frame > (snapshot ? snapshot->frame : 0) && !s->shared->is_relay)
+        lw_session_refuse(s, LW_REFUSAL_PROTOCOL, "message HOLDS: there is no frame %" PRIu64, holds->frame);
+    else if (holds->frame > s->frame_held)
+        s->frame_held = holds->frame;
 }
 
 /* A request for a package that a welcome announced; false: it makes no sense, and the peer is refused. */

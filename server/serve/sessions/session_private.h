@@ -110,6 +110,7 @@ struct lw_session {
     uint64_t first_sent;  /* tiles, until then */
     int64_t tiles_before; /* bytes of tiles that go before the next FINISH_CHUNK */
     uint64_t frame_sent, frame_acked;
+    uint64_t frame_held;                          /* the last one that the peer has: no earlier one is sent */
     bool settled_due;                             /* SETTLED of the frame sent */
     struct lw_session_interest interest, waiting; /* what holds; what came since, if has_waiting */
     bool has_waiting;

@@ -187,10 +187,11 @@ struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s) {
 }
 
 /* A new session waits for a snapshot with its channels: an older one may be of a time when another session
- * took them. */
+ * took them. It waits also for the frame that its peer has from another relay. */
 bool lw_tile_stream_has_light(const struct lw_session *s) {
     bool has = true;
     for (const struct lw_session_take *t = s->take; t < s->take + s->take_count; t++)
-        has &= t->channel->snapshot && (s->frame_sent || t->channel->snapshot == s->shared->snapshot);
+        has &= t->channel->snapshot && (s->frame_sent || t->channel->snapshot == s->shared->snapshot) &&
+               t->channel->snapshot->frame >= s->frame_held;
     return has;
 }
