@@ -136,26 +136,34 @@ static void sample_near_group(const struct lw_direct16 *d, uint32_t group, float
 }
 
 /* The groups that light a packet. A far group has one light chosen for all of it. */
-struct cut {
-    struct lw_light_choice far[LW_LIGHTS_EXACT_MAX], near[LW_LIGHTS_EXACT_MAX];
-    uint32_t far_count, near_count;
+struct groups {
+    struct lw_light_choice choice[LW_LIGHTS_EXACT_MAX];
+    struct lw_light_draw draw[LW_LIGHTS_EXACT_MAX]; /* the draw of each choice */
+    uint32_t count, far_count;                      /* far ones are the first */
 };
 
-static void cut_tree(const struct lw_direct16 *d, uint32_t index, struct cut *cut) {
-    const struct lw_lights *lights = d->lights;
+static void draw_groups(const struct lw_direct16 *d, uint32_t index, struct groups *groups) {
+    const struct lw_light_tree *tree = &d->lights->tree;
     const uint32_t seed = seed_of(d, LW_SAMPLING_EMITTER_PICK);
     const struct lw_light_region region = region_of(d->points);
-    uint32_t group[LW_LIGHTS_EXACT_MAX];
-    const uint32_t count = lw_lights_split(lights, &region, group);
-    cut->far_count = cut->near_count = 0;
-    for (uint32_t g = 0; g < count; g++) {
-        float pick[2]; /* from a sequence of the group's own: most groups stay over the frames */
-        lw_sampling_point(lw_random_hash2(seed, group[g]), index, d->set, pick);
-        const bool far = lw_light_tree_is_far(&lights->tree, group[g], &region);
-        *(far ? &cut->far[cut->far_count++] : &cut->near[cut->near_count++]) =
-            (struct lw_light_choice){.group = group[g], .pick = pick[0]};
+    struct lw_light_draw *draw = groups->draw;
+    float pick[2];
+    lw_sampling_point(seed, index, d->set, pick);
+    groups->count = lw_lights_draw(d->lights, &region, pick[0], draw);
+    groups->far_count = 0;
+    for (uint32_t g = 0; g < groups->count; g++) {
+        if (!lw_light_tree_is_far(tree, draw[g].node, &region)) continue;
+        const struct lw_light_draw far = draw[g];
+        draw[g] = draw[groups->far_count];
+        draw[groups->far_count++] = far;
     }
-    lw_light_tree_choose_each(&lights->tree, &region, cut->far, cut->far_count);
+    for (uint32_t g = 0; g < groups->count; g++) {
+        /* shifted by the group's own number: groups that are always drawn have one pick in common */
+        const float shifted = draw[g].pick + lw_random_unit(lw_random_hash2(seed, draw[g].node));
+        groups->choice[g] =
+            (struct lw_light_choice){.group = draw[g].node, .pick = shifted < 1 ? shifted : shifted - 1};
+    }
+    lw_light_tree_choose_each(tree, &region, groups->choice, groups->far_count);
 }
 
 void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
@@ -163,21 +171,21 @@ void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
     const uint32_t seed = seed_of(d, LW_SAMPLING_EMITTER);
     float point[2], probability[LANES];
     struct lw_light_sample16 light = {.e = {{0}}};
-    struct cut cut;
-    cut_tree(d, sample, &cut);
-    for (const struct lw_light_choice *c = cut.far; c < cut.far + cut.far_count; c++) {
-        if (c->light == UINT32_MAX) continue;
-        lw_sampling_point(lw_random_hash2(seed, c->group), sample, d->set, point);
+    struct groups groups;
+    draw_groups(d, sample, &groups);
+    for (uint32_t g = 0; g < groups.count; g++) {
+        const struct lw_light_choice *c = &groups.choice[g];
+        const bool is_far = g < groups.far_count;
+        if (is_far && c->light == UINT32_MAX) continue;
+        lw_sampling_point(lw_random_hash2(seed, groups.draw[g].number), sample, d->set, point);
         for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
-        lw_lights_sample_near16(d->lights, c->light, probability, point[0], point[1], d->points, d->active,
-                                &light);
-        add_visible(d, &light, weight);
-    }
-    for (const struct lw_light_choice *c = cut.near; c < cut.near + cut.near_count; c++) {
-        memset(light.e, 0, sizeof light.e);
-        lw_sampling_point(lw_random_hash2(seed, c->group), sample, d->set, point);
-        sample_near_group(d, c->group, c->pick, point, &light);
-        add_visible(d, &light, weight);
+        if (!is_far) memset(light.e, 0, sizeof light.e);
+        if (is_far)
+            lw_lights_sample_near16(d->lights, c->light, probability, point[0], point[1], d->points,
+                                    d->active, &light);
+        else
+            sample_near_group(d, c->group, c->pick, point, &light);
+        add_visible(d, &light, weight / groups.draw[g].probability);
     }
 }
 

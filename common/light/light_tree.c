@@ -4,6 +4,7 @@
 
 #include <assert.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Angles, rad, are rounded: a direction this near to the edge of a cone counts as within. */
 #define SLACK 1e-3f
@@ -49,13 +50,8 @@ static struct lw_light_bounds unite_bounds(const struct lw_light_bounds *a, cons
 struct build {
     struct lw_light_tree *tree;
     const struct lw_light_bounds *light;
-    uint32_t *order, next;
+    uint32_t *order, *spare, next;
     uint32_t first_count; /* lights below the root's left child, if there are other lights */
-};
-
-struct key {
-    const struct lw_light_bounds *light;
-    int axis;
 };
 
 static float middle(const struct lw_light_bounds *l, int axis) {
@@ -63,15 +59,97 @@ static float middle(const struct lw_light_bounds *l, int axis) {
     return axis == 0 ? m.x : axis == 1 ? m.y : m.z;
 }
 
-static int by_middle(const void *a, const void *b, void *context) {
-    const struct key *key = context;
-    const uint32_t i = *(const uint32_t *)a, j = *(const uint32_t *)b;
-    float x = middle(&key->light[i], key->axis), y = middle(&key->light[j], key->axis);
-    return x < y ? -1 : x > y ? 1 : i < j ? -1 : i > j; /* the same order on every machine */
+/* How wide the directions are that a group shines into, sr, weighted by the cosine with its normals (Conty
+ * Estevez and Kulla 2018, eq. 1). */
+static float directions_of(const struct lw_light_bounds *b) {
+    const float o = b->spread, w = fminf(o + b->reach, LW_PI);
+    return 2 * LW_PI * (1 - cosf(o)) +
+           0.5f * LW_PI * (2 * w * sinf(o) - cosf(o - 2 * w) - 2 * o * sinf(o) + cosf(o));
 }
 
-/* Halves along the longest side of the middles' box. */
-static uint32_t build(struct build *b, uint32_t first, uint32_t count, uint32_t parent) {
+/* How badly a group's bound stands for its lights: by its power, the square of its extent and its directions.
+ * The paper has the surface of the box, which is 0 for lights in a row. */
+static float cost_of(const struct lw_light_bounds *b) {
+    const struct lw_vec3 side = lw_vec3_sub(b->high, b->low);
+    return b->power > 0 ? b->power * lw_vec3_dot(side, side) * directions_of(b) : 0;
+}
+
+#define BINS 16
+/* Deeper, groups are halved, and so the tree is not deeper than LW_LIGHT_TREE_DEPTH_MAX. */
+#define DEPTH_BY_COST (LW_LIGHT_TREE_DEPTH_MAX - 32)
+
+/* A group's lights in slices along an axis. */
+struct slices {
+    struct lw_light_bounds bounds[BINS];
+    uint32_t count[BINS];
+};
+
+struct cut {
+    int axis;       /* below 0: there is none */
+    uint32_t slice; /* the first one of the right side */
+    float low, per_m, cost;
+};
+
+static uint32_t slice_of(const struct cut *cut, const struct lw_light_bounds *l) {
+    const float slice = (middle(l, cut->axis) - cut->low) * cut->per_m;
+    return slice < BINS - 1 ? (uint32_t)slice : BINS - 1;
+}
+
+/* Tries all cuts between slices of one axis. */
+static void try_axis(const struct build *b, const uint32_t *order, uint32_t count, struct cut cut,
+                     struct cut *best) {
+    struct slices s = {.count = {0}};
+    struct lw_light_bounds after[BINS], before = {.power = 0};
+    uint32_t lights = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t slice = slice_of(&cut, &b->light[order[i]]);
+        s.bounds[slice] = unite_bounds(&s.bounds[slice], &b->light[order[i]]);
+        s.count[slice]++;
+    }
+    after[BINS - 1] = s.bounds[BINS - 1];
+    for (int i = BINS - 1; i-- > 0;) after[i] = unite_bounds(&s.bounds[i], &after[i + 1]);
+    for (uint32_t i = 1; i < BINS; i++) {
+        before = unite_bounds(&before, &s.bounds[i - 1]);
+        lights += s.count[i - 1];
+        cut.slice = i;
+        cut.cost = cost_of(&before) + cost_of(&after[i]);
+        if (lights > 0 && lights < count && (best->axis < 0 || cut.cost < best->cost)) *best = cut;
+    }
+}
+
+static struct cut find_cut(const struct build *b, const uint32_t *order, uint32_t count) {
+    struct cut best = {.axis = -1};
+    for (int axis = 0; axis < 3; axis++) {
+        float low = INFINITY, high = -INFINITY;
+        for (uint32_t i = 0; i < count; i++) {
+            const float m = middle(&b->light[order[i]], axis);
+            low = fminf(low, m);
+            high = fmaxf(high, m);
+        }
+        const float per_m = BINS / (high - low);
+        if (high > low && per_m < INFINITY)
+            try_axis(b, order, count, (struct cut){.axis = axis, .low = low, .per_m = per_m}, &best);
+    }
+    return best;
+}
+
+/* Puts the lights of the best cut's left side first; how many there are. */
+static uint32_t part_lights(struct build *b, uint32_t *order, uint32_t count) {
+    const struct cut cut = find_cut(b, order, count);
+    uint32_t left = 0, right = 0;
+    if (cut.axis < 0) return count / 2; /* in one place */
+    for (uint32_t i = 0; i < count; i++) {
+        const uint32_t light = order[i];
+        if (slice_of(&cut, &b->light[light]) < cut.slice)
+            order[left++] = light;
+        else
+            b->spare[right++] = light;
+    }
+    memcpy(order + left, b->spare, right * sizeof *order);
+    return left;
+}
+
+static uint32_t build(struct build *b, uint32_t first, uint32_t count, uint32_t parent, uint32_t depth) {
     const uint32_t index = b->next++;
     struct lw_light_node *node = &b->tree->node[index];
     *node = (struct lw_light_node){.parent = parent, .light = UINT32_MAX};
@@ -80,23 +158,12 @@ static uint32_t build(struct build *b, uint32_t first, uint32_t count, uint32_t 
         b->tree->leaf[node->light] = index;
         return index;
     }
-    if (index == 0 && b->first_count > 0 && b->first_count < count) {
-        build(b, 0, b->first_count, index);
-        node->right = build(b, b->first_count, count - b->first_count, index);
-        return index;
-    }
-    struct lw_vec3 low = lw_vec3(INFINITY, INFINITY, INFINITY),
-                   high = lw_vec3(-INFINITY, -INFINITY, -INFINITY);
-    for (uint32_t i = first; i < first + count; i++) {
-        const struct lw_light_bounds *l = &b->light[b->order[i]];
-        struct lw_vec3 m = lw_vec3_add(l->low, l->high);
-        low = lw_vec3_min(low, m), high = lw_vec3_max(high, m);
-    }
-    struct lw_vec3 side = lw_vec3_sub(high, low);
-    struct key key = {b->light, side.x >= side.y && side.x >= side.z ? 0 : side.y >= side.z ? 1 : 2};
-    qsort_r(b->order + first, count, sizeof *b->order, by_middle, &key);
-    build(b, first, count / 2, index);
-    node->right = build(b, first + count / 2, count - count / 2, index);
+    const bool is_root = index == 0 && b->first_count > 0 && b->first_count < count;
+    const uint32_t left = is_root                 ? b->first_count
+                          : depth < DEPTH_BY_COST ? part_lights(b, b->order + first, count)
+                                                  : count / 2;
+    build(b, first, left, index, depth + 1);
+    node->right = build(b, first + left, count - left, index, depth + 1);
     return index;
 }
 
@@ -124,7 +191,7 @@ void lw_light_tree_refit(struct lw_light_tree *tree, const struct lw_light_bound
 enum lw_status lw_light_tree_init(struct lw_light_tree *tree, const struct lw_light_bounds *light,
                                   uint32_t count, uint32_t first_count) {
     *tree = (struct lw_light_tree){.count = count};
-    uint32_t *order = malloc(count * sizeof *order);
+    uint32_t *order = malloc(2ul * count * sizeof *order);
     tree->node = calloc(2ul * count, sizeof *tree->node);
     tree->bounds = calloc(2ul * count, sizeof *tree->bounds);
     tree->leaf = calloc(count, sizeof *tree->leaf);
@@ -134,8 +201,7 @@ enum lw_status lw_light_tree_init(struct lw_light_tree *tree, const struct lw_li
         return LW_NO_MEMORY;
     }
     for (uint32_t i = 0; i < count; i++) order[i] = i;
-    build(&(struct build){.tree = tree, .light = light, .order = order, .first_count = first_count}, 0, count,
-          UINT32_MAX);
+    build(&(struct build){tree, light, order, order + count, 0, first_count}, 0, count, UINT32_MAX, 0);
     free(order);
     lw_light_tree_refit(tree, light);
     return LW_OK;
@@ -163,51 +229,87 @@ float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 poi
 struct split {
     const struct lw_light_tree *tree;
     struct lw_light_place place;
-    uint32_t count, *group;
-    float promise[LW_LIGHT_TREE_GROUPS_MAX]; /* 0: a group of one light, which cannot be split */
+    uint32_t count;
+    struct lw_light_group *group;
+    float parts[LW_LIGHT_TREE_GROUPS_MAX]; /* the promise of a group that can be split, else 0 */
 };
 
-static void put_node(struct split *s, uint32_t at, uint32_t node, float promise) {
-    s->group[at] = node;
-    s->promise[at] = s->tree->node[node].light == UINT32_MAX ? promise : 0;
+static void put_group(struct split *s, uint32_t at, uint32_t node, float promise) {
+    s->group[at] = (struct lw_light_group){node, promise};
+    s->parts[at] = s->tree->node[node].light == UINT32_MAX ? promise : 0;
 }
 
 /* Puts the children of a group in its place, those that can give anything; false where there is no room for
  * both. */
 static bool split_group(struct split *s, uint32_t at, uint32_t most) {
-    const struct lw_light_node *parent = &s->tree->node[s->group[at]];
-    const uint32_t left = s->group[at] + 1, right = parent->right;
+    const uint32_t left = s->group[at].node + 1, right = s->tree->node[s->group[at].node].right;
     const float gives_left = importance(&s->tree->node[left], &s->place),
                 gives_right = importance(&s->tree->node[right], &s->place);
     if (gives_left > 0 && gives_right > 0) {
         if (s->count == most) return false;
-        put_node(s, at, left, gives_left);
-        put_node(s, s->count++, right, gives_right);
+        put_group(s, at, left, gives_left);
+        put_group(s, s->count++, right, gives_right);
     } else if (gives_left > 0) {
-        put_node(s, at, left, gives_left);
+        put_group(s, at, left, gives_left);
     } else if (gives_right > 0) {
-        put_node(s, at, right, gives_right);
+        put_group(s, at, right, gives_right);
     } else {
         s->count--;
         s->group[at] = s->group[s->count];
-        s->promise[at] = s->promise[s->count];
+        s->parts[at] = s->parts[s->count];
     }
     return true;
 }
 
-uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
-                             const struct lw_light_region *region, uint32_t most, uint32_t *out_group) {
+uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t node,
+                             const struct lw_light_region *region, uint32_t most,
+                             struct lw_light_group *out_group) {
     struct split s = {.tree = tree, .place = lw_light_place_of(region), .group = out_group};
     assert(most > 0 && most <= LW_LIGHT_TREE_GROUPS_MAX);
-    const float promise = importance(&tree->node[group], &s.place);
+    const float promise = importance(&tree->node[node], &s.place);
     if (!(promise > 0)) return 0;
-    put_node(&s, s.count++, group, promise);
+    put_group(&s, s.count++, node, promise);
     for (;;) {
         uint32_t best = 0;
         for (uint32_t i = 1; i < s.count; i++)
-            if (s.promise[i] > s.promise[best]) best = i;
-        if (!s.count || !(s.promise[best] > 0) || !split_group(&s, best, most)) return s.count;
+            if (s.parts[i] > s.parts[best]) best = i;
+        if (!s.count || !(s.parts[best] > 0) || !split_group(&s, best, most)) return s.count;
     }
+}
+
+/* Probabilities in proportion to promises, with a sum of `most`. A group that would have 1 or more is drawn
+ * always, and the others share the rest. */
+static void find_probabilities(const struct lw_light_group *group, uint32_t count, uint32_t most,
+                               float *out_probability) {
+    uint32_t left = most, sure = most;
+    memset(out_probability, 0, count * sizeof *out_probability);
+    while (sure > 0 && left > 0) {
+        float rest = 0;
+        for (uint32_t i = 0; i < count; i++) rest += out_probability[i] < 1 ? group[i].promise : 0;
+        sure = 0;
+        for (uint32_t i = 0; i < count; i++) {
+            if (out_probability[i] == 1) continue;
+            out_probability[i] = fminf(group[i].promise * (float)left / rest, 1);
+            sure += out_probability[i] == 1;
+        }
+        left -= sure < left ? sure : left;
+    }
+}
+
+uint32_t lw_light_tree_draw(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
+                            struct lw_light_draw *out_draw) {
+    float probability[LW_LIGHT_TREE_GROUPS_MAX], before = 0, next = pick;
+    uint32_t drawn = 0;
+    assert(count <= LW_LIGHT_TREE_GROUPS_MAX);
+    find_probabilities(group, count, most, probability);
+    for (uint32_t i = 0; i < count && drawn < most; before += probability[i++]) {
+        if (!(next < before + probability[i])) continue;
+        const float within = fminf(fmaxf((next - before) / probability[i], 0), LW_LIGHT_BELOW_ONE);
+        out_draw[drawn] = (struct lw_light_draw){group[i].node, probability[i], within, drawn};
+        next += 1;
+        drawn++;
+    }
+    return drawn;
 }
 
 bool lw_light_tree_is_far(const struct lw_light_tree *tree, uint32_t group,

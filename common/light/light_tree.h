@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #define LW_LIGHT_TREE_GROUPS_MAX 64u /* the most groups of lw_light_tree_split() */
+#define LW_LIGHT_TREE_DEPTH_MAX  64u /* from the root down to a light */
 
 /** Bounds of a light, or of a group of lights. */
 struct lw_light_bounds {
@@ -46,14 +47,37 @@ struct lw_light_region {
     float radius_m, cos_spread;          /* the cone's: 1 where all normals are the axis */
 };
 
-/** Splits a group (0: all) into at most `most` smaller ones for a region. The group with the largest bound is
- * split first: far and weak lights stay together, near and strong ones get groups of their own. A light in
- * none of them lights no point of the region. Greedy by an upper bound, as the cuts of Walter et al.,
- * Lightcuts, 2005.
+/** A group of lights: a node of the tree, 0: all. */
+struct lw_light_group {
+    uint32_t node;
+    float promise; /* about what it may give to a region, W/m^2; > 0 */
+};
+
+/** Splits a group into at most `most` smaller ones for a region. The group that promises most is split first:
+ * far and weak lights stay together, near and strong ones get groups of their own. A light in none of them
+ * lights no point of the region. Greedy, as the cuts of Walter et al., Lightcuts, 2005.
  * out_group  `most` of them, 1 to LW_LIGHT_TREE_GROUPS_MAX
  * Returns    how many there are */
-uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
-                             const struct lw_light_region *region, uint32_t most, uint32_t *out_group);
+uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t node,
+                             const struct lw_light_region *region, uint32_t most,
+                             struct lw_light_group *out_group);
+
+/** A group that stands for others. */
+struct lw_light_draw {
+    uint32_t node;
+    float probability; /* with which it is drawn: its light is divided by this */
+    float pick;        /* even in [0, 1), for a choice within the group */
+    uint32_t number;   /* the draw's, 0 to most - 1; a group mostly keeps it */
+};
+
+/** Draws at most `most` of some groups, each once at most, with probabilities in proportion to their
+ * promises: a systematic sample (Madow 1949).
+ * count     LW_LIGHT_TREE_GROUPS_MAX at most
+ * pick      in [0, 1)
+ * out_draw  `most` of them
+ * Returns   how many there are */
+uint32_t lw_light_tree_draw(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
+                            struct lw_light_draw *out_draw);
 
 /** What all lights together may give to a point, roughly, W/m^2; 0: nothing. */
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,

@@ -259,18 +259,24 @@ bool lw_lights_differ(const struct lw_lights *lights, const struct lw_pose *was,
     return false;
 }
 
-/* Emitters per group, and most groups: past it a frame's cost no longer grows with their number. */
-#define EMITTERS_PER_GROUP 8u
-#define EMITTER_GROUPS_MAX 4u
+/* Emitters per ray, and most rays: past it a frame's cost no longer grows with their number. */
+#define EMITTERS_PER_RAY 8u
+#define EMITTER_RAYS_MAX 4u
+/* Groups for each ray, which is drawn among all of them. */
+#define GROUPS_PER_RAY 8u
 
-uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_region *region,
-                         uint32_t *out_group) {
-    if (lights->near_count > LW_LIGHTS_EXACT_MAX)
-        return lw_light_tree_split(&lights->tree, 0, region, LW_LIGHTS_EXACT_MAX, out_group);
-    if (!lights->shining_count) return 0;
-    uint32_t most = (lights->shining_count + EMITTERS_PER_GROUP - 1) / EMITTERS_PER_GROUP;
-    if (most > EMITTER_GROUPS_MAX) most = EMITTER_GROUPS_MAX;
-    return lw_light_tree_split(&lights->tree, lights->near_count ? 1 : 0, region, most, out_group);
+uint32_t lw_lights_draw(const struct lw_lights *lights, const struct lw_light_region *region, float pick,
+                        struct lw_light_draw *out_draw) {
+    struct lw_light_group group[LW_LIGHT_TREE_GROUPS_MAX];
+    const bool all = lights->near_count > LW_LIGHTS_EXACT_MAX;
+    uint32_t rays = (lights->shining_count + EMITTERS_PER_RAY - 1) / EMITTERS_PER_RAY;
+    if (rays > EMITTER_RAYS_MAX) rays = EMITTER_RAYS_MAX;
+    if (all) rays = LW_LIGHTS_EXACT_MAX;
+    if (!rays) return 0;
+    uint32_t groups = GROUPS_PER_RAY * rays;
+    if (groups > LW_LIGHT_TREE_GROUPS_MAX) groups = LW_LIGHT_TREE_GROUPS_MAX;
+    groups = lw_light_tree_split(&lights->tree, all || !lights->near_count ? 0 : 1, region, groups, group);
+    return lw_light_tree_draw(group, groups, rays, pick, out_draw);
 }
 
 /* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that

@@ -86,12 +86,13 @@ struct lw_light_sample {
     float pdf;
 };
 
-/** Splits emitters into groups (light_tree.h) for the points of a region; one sample stands for each group.
+/** Draws groups of emitters (light_tree.h) for the points of a region; one sample stands for each group.
  * Points and spots join the groups where there are more than LW_LIGHTS_EXACT_MAX of them.
- * out_group  LW_LIGHTS_EXACT_MAX of them
- * Returns    how many there are */
-uint32_t lw_lights_split(const struct lw_lights *lights, const struct lw_light_region *region,
-                         uint32_t *out_group);
+ * pick      in [0, 1)
+ * out_draw  LW_LIGHTS_EXACT_MAX of them
+ * Returns   how many there are */
+uint32_t lw_lights_draw(const struct lw_lights *lights, const struct lw_light_region *region, float pick,
+                        struct lw_light_draw *out_draw);
 
 /** A sample of the emitter, point or spot that lw_light_tree_choose() has chosen with a probability; (u, v):
  * the point on it, in [0, 1). irradiance_normal x cos is an estimate of what its group gives. Light from

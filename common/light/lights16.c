@@ -5,8 +5,7 @@
 
 #define LANES 16
 
-/* Depth of a tree of 2^32 lights, which halves. */
-#define STACK_MAX 34
+#define STACK_MAX (LW_LIGHT_TREE_DEPTH_MAX + 2)
 
 LW_WIDE_INLINE struct lw_vec3 position(const struct lw_points16 *p, int lane) {
     return lw_vec3(p->x[lane], p->y[lane], p->z[lane]);

@@ -1,6 +1,8 @@
 /* The light tree: probabilities sum up to 1, agree with the draws, and are above 0 for all that gives light;
  * groups of a region hold each light once. */
 #include "common/light/light_tree.h"
+
+#include "common/light/light_kernels.h"
 #include "common/random.h"
 #include "tests/support/support.h"
 
@@ -98,7 +100,7 @@ static double count_by_groups(const struct lw_light_tree *tree, const struct lw_
                               const struct lw_light_region *region, const struct lw_light_region *at,
                               uint32_t most) {
     enum { PICKS = 1024 };
-    uint32_t group[LW_LIGHT_TREE_GROUPS_MAX];
+    struct lw_light_group group[LW_LIGHT_TREE_GROUPS_MAX];
     const uint32_t groups = lw_light_tree_split(tree, 0, region, most, group);
     double sum = 0;
     assert_true(groups <= most);
@@ -106,7 +108,7 @@ static double count_by_groups(const struct lw_light_tree *tree, const struct lw_
         for (uint32_t i = 0; i < PICKS; i++) {
             float p = 0;
             const uint32_t chosen = lw_light_tree_choose(
-                tree, group[g], lw_light_tree_is_far(tree, group[g], region) ? region : at,
+                tree, group[g].node, lw_light_tree_is_far(tree, group[g].node, region) ? region : at,
                 ((float)i + 0.5f) / PICKS, &p);
             if (chosen != UINT32_MAX && shines_on(&light[chosen], at->centre_ws, at->normal_ws))
                 sum += 1 / (double)p / PICKS;
@@ -144,7 +146,8 @@ static void groups_are_as_small_as_may_be(void **state) {
     enum { FIRST = 20, COUNT = 50 };
     struct lw_light_bounds light[LIGHTS];
     struct lw_light_tree tree;
-    uint32_t group[LW_LIGHT_TREE_GROUPS_MAX], seen = 0, seed = 8;
+    struct lw_light_group group[LW_LIGHT_TREE_GROUPS_MAX];
+    uint32_t seen = 0, seed = 8;
     scatter(light, 6);
     lw_support_ok(lw_light_tree_init(&tree, light, COUNT, FIRST), NULL);
     for (uint32_t k = 0; k < 50; k++) {
@@ -153,7 +156,7 @@ static void groups_are_as_small_as_may_be(void **state) {
         const uint32_t groups = lw_light_tree_split(&tree, 1, &region, LW_LIGHT_TREE_GROUPS_MAX, group);
         for (uint32_t g = 0; g < groups; g++, seen++) {
             float p = 0;
-            assert_true(lw_light_tree_choose(&tree, group[g], &region, 0.5f, &p) < FIRST);
+            assert_true(lw_light_tree_choose(&tree, group[g].node, &region, 0.5f, &p) < FIRST);
             assert_true(p == 1);
         }
     }
@@ -162,6 +165,78 @@ static void groups_are_as_small_as_may_be(void **state) {
     lw_light_tree_refit(&tree, light);
     const struct lw_light_region anywhere = {lw_vec3(3, 1, 3), lw_vec3(0, 1, 0), 100, -1};
     assert_int_equal(lw_light_tree_split(&tree, 0, &anywhere, 8, group), 0);
+    lw_light_tree_finish(&tree);
+}
+
+/* Draws of `most` groups by picks that are even in [0, 1): none is drawn twice by one pick, and each as often
+ * as its probability says. */
+static void expect_draws(const struct lw_light_group *group, uint32_t count, uint32_t most) {
+    enum { PICKS = 4096 };
+    struct lw_light_draw draw[LW_LIGHT_TREE_GROUPS_MAX];
+    double counted[LW_LIGHT_TREE_GROUPS_MAX] = {0}, below[LW_LIGHT_TREE_GROUPS_MAX] = {0};
+    for (uint32_t i = 0; i < PICKS; i++) {
+        bool seen[LW_LIGHT_TREE_GROUPS_MAX] = {false};
+        const uint32_t drawn = lw_light_tree_draw(group, count, most, ((float)i + 0.5f) / PICKS, draw);
+        assert_int_equal(drawn, most < count ? most : count);
+        for (uint32_t d = 0; d < drawn; d++) {
+            uint32_t g = 0;
+            while (group[g].node != draw[d].node) g++;
+            assert_false(seen[g]);
+            assert_int_equal(draw[d].number, d);
+            assert_true(draw[d].probability > 0 && draw[d].probability <= 1);
+            assert_true(draw[d].pick >= 0 && draw[d].pick < 1);
+            seen[g] = true;
+            counted[g] += 1 / (double)draw[d].probability / PICKS;
+            below[g] += draw[d].pick < 0.25f ? 1 / (double)draw[d].probability / PICKS : 0;
+        }
+    }
+    for (uint32_t g = 0; g < count; g++) {
+        /* a pick in 4,096 more or less, of the smallest probability, which is 1/40 */
+        if (fabs(counted[g] - 1) > 0.02) fail_msg("%u of %u: group %u is %g", most, count, g, counted[g]);
+        if (fabs(below[g] - 0.25) > 0.02) fail_msg("%u of %u: a quarter is %g", most, count, below[g]);
+    }
+}
+
+static void draws_count_every_group_once(void **state) {
+    (void)state;
+    static const float promise[] = {1, 0.4f, 30, 2, 2, 0.5f, 0.5f, 3, 0.3f};
+    enum { COUNT = sizeof promise / sizeof *promise };
+    struct lw_light_group group[COUNT];
+    for (uint32_t i = 0; i < COUNT; i++) group[i] = (struct lw_light_group){100 + i, promise[i]};
+    for (uint32_t most = 2; most <= COUNT + 1; most++) expect_draws(group, COUNT, most);
+    struct lw_light_draw draw[4];
+    assert_int_equal(lw_light_tree_draw(group, 0, 4, 0.5f, draw), 0);
+    /* what promises nearly all leaves nearly nothing to the others, but not nothing */
+    const struct lw_light_group uneven[] = {{7, 1e-20f}, {8, 1e20f}, {9, 1e-20f}};
+    assert_int_equal(lw_light_tree_draw(uneven, 3, 2, 0, draw), 2);
+    assert_true(draw[0].node == 7 && draw[0].probability == 0.5f && draw[1].node == 8 &&
+                draw[1].probability == 1);
+}
+
+static uint32_t depth_of(const struct lw_light_tree *tree, uint32_t node) {
+    uint32_t depth = 0;
+    for (; node; node = tree->node[node].parent) depth++;
+    return depth;
+}
+
+/* Lights at twice the distance each: a cut takes few from the rest. */
+static void trees_are_not_deep(void **state) {
+    (void)state;
+    enum { COUNT = 252 };
+    struct lw_light_bounds light[COUNT];
+    struct lw_light_tree tree;
+    uint32_t deepest = 0;
+    for (uint32_t i = 0; i < COUNT; i++) {
+        const struct lw_vec3 at = lw_vec3(ldexpf(1, (int)i - COUNT / 2), 0, 0);
+        light[i] = (struct lw_light_bounds){at, at, lw_vec3(0, 1, 0), 0, 0.5f * LW_PI, 1};
+    }
+    lw_support_ok(lw_light_tree_init(&tree, light, COUNT, 0), NULL);
+    for (uint32_t i = 0; i < COUNT; i++) {
+        const uint32_t depth = depth_of(&tree, tree.leaf[i]);
+        if (depth > deepest) deepest = depth;
+    }
+    if (deepest <= LW_LIGHT_TREE_DEPTH_MAX / 2 || deepest > LW_LIGHT_TREE_DEPTH_MAX)
+        fail_msg("%u nodes deep", deepest);
     lw_light_tree_finish(&tree);
 }
 
@@ -185,6 +260,8 @@ int main(void) {
         cmocka_unit_test(probabilities_are_sound),
         cmocka_unit_test(groups_hold_every_light_once),
         cmocka_unit_test(groups_are_as_small_as_may_be),
+        cmocka_unit_test(draws_count_every_group_once),
+        cmocka_unit_test(trees_are_not_deep),
         cmocka_unit_test(one_light_is_a_tree),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -344,22 +344,27 @@ static bool expect_same(const struct lw_light_sample16 *wide, const struct lw_po
     return true;
 }
 
+static uint32_t split(const struct stage *s, struct lw_light_group group[LW_LIGHTS_EXACT_MAX]) {
+    const struct lw_light_region all = {origin, up, 100, -1};
+    return lw_light_tree_split(&s->lights.tree, 0, &all, 8, group);
+}
+
 static uint32_t compare_near(const struct stage *s, const struct lw_points16 *points, float pick,
                              const float point[2]) {
-    uint32_t light[16], lit = 0, group[LW_LIGHTS_EXACT_MAX];
+    uint32_t light[16], lit = 0;
+    struct lw_light_group group[LW_LIGHTS_EXACT_MAX];
     float probability[16];
-    const struct lw_light_region all = {origin, up, 100, -1};
-    const uint32_t groups = lw_lights_split(&s->lights, &all, group);
+    const uint32_t groups = split(s, group);
     assert_true(groups > 1);
     for (uint32_t g = 0; g < groups; g++) {
         const uint16_t active = 0xdfff; /* all but one */
-        lw_light_tree_choose16(&s->lights.tree, group[g], points, pick, active, light, probability);
+        lw_light_tree_choose16(&s->lights.tree, group[g].node, points, pick, active, light, probability);
         assert_int_equal(light[13], UINT32_MAX);
         for (uint32_t i = 0; i < 16; i++) {
             if (!(active >> i & 1)) continue;
             const struct lw_light_region here = {point_of(points, i), normal_of(points, i), 0, 1};
             float p = 0;
-            assert_int_equal(lw_light_tree_choose(&s->lights.tree, group[g], &here, pick, &p), light[i]);
+            assert_int_equal(lw_light_tree_choose(&s->lights.tree, group[g].node, &here, pick, &p), light[i]);
             if (light[i] == UINT32_MAX) continue;
             assert_true(fabsf(probability[i] - p) <= 1e-6f * p);
             struct lw_light_sample16 wide;
@@ -377,19 +382,18 @@ static uint32_t compare_near(const struct stage *s, const struct lw_points16 *po
 }
 
 static void compare_regions(const struct stage *s, const struct lw_points16 *points, const float pick[2]) {
-    const struct lw_light_region all = {origin, up, 100, -1};
     struct lw_light_choice choice[LW_LIGHTS_EXACT_MAX];
-    uint32_t group[LW_LIGHTS_EXACT_MAX];
-    const uint32_t groups = lw_lights_split(&s->lights, &all, group);
+    struct lw_light_group group[LW_LIGHTS_EXACT_MAX];
+    const uint32_t groups = split(s, group);
     for (uint32_t i = 0; i < 16; i++) {
         const struct lw_light_region region = {point_of(points, i), normal_of(points, i), 0.1f * (float)i,
                                                1 - 0.1f * (float)i};
         for (uint32_t g = 0; g < groups; g++)
-            choice[g] = (struct lw_light_choice){.group = group[g], .pick = pick[g & 1]};
+            choice[g] = (struct lw_light_choice){.group = group[g].node, .pick = pick[g & 1]};
         lw_light_tree_choose_each(&s->lights.tree, &region, choice, groups);
         for (uint32_t g = 0; g < groups; g++) {
             float p = 0;
-            assert_int_equal(lw_light_tree_choose(&s->lights.tree, group[g], &region, pick[g & 1], &p),
+            assert_int_equal(lw_light_tree_choose(&s->lights.tree, group[g].node, &region, pick[g & 1], &p),
                              choice[g].light);
             if (choice[g].light != UINT32_MAX) assert_true(fabsf(choice[g].probability - p) <= 1e-6f * p);
         }
