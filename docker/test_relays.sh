@@ -124,7 +124,8 @@ make_container() {
     # cap_drop, no-new-privileges; nats runs as the root of its image, with what is left to it
     cat >"$work/in/$name" <<END
 #!/bin/sh
-exec nsenter --net='$work/net/$name' chroot '$root' /usr/bin/env --ignore-environment --chdir='$at' \\
+exec nsenter --net='$work/net/$name' unshare --uts /bin/sh -c 'hostname "\$0" && exec "\$@"' '$name' \\
+    chroot '$root' /usr/bin/env --ignore-environment --chdir='$at' \\
     PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin HOME='$home' OMP_WAIT_POLICY=passive \\
     setpriv --reuid='$user' --regid="\$(awk -F: -v user='$user' '\$1 == user { print \$4 }' '$root/etc/passwd')" \\
     --clear-groups --bounding-set=-all --inh-caps=-all --no-new-privs -- "\$@"

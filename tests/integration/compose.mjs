@@ -171,7 +171,7 @@ async function run() {
   const texts = await Promise.all(watched.map((name) => ask(name, metrics[name], '/metrics')));
 
   // the tree: the third relay below the first, which takes light from NATS
-  const third = inside ? '0.0.0.0:7780' : `127.0.0.1:${at['relay-3:7780']}`;
+  const third = inside ? 'relay-3:7780' : `127.0.0.1:${at['relay-3:7780']}`;
   const tree = inside ? ['lightwellctl'] : [join(bin, 'lightwellctl'), `127.0.0.1:${at['relay-1:7780']}`];
   await until('the tree', async () => {
     const [program, ...args] = within('relay-1', [...tree, 'tree']);
