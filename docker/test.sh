@@ -65,6 +65,7 @@ make_context() {
 
 stage='' root='' user='' workdir='' port='' entrypoint=() cmd=() healthcheck=() health_timeout=30
 enter=() # what goes before a command that is to run in the stage
+extra_ca=/etc/extra_ca.pem # no file of a package: the package ca-certificates writes its own anew
 
 stage_changed() {
     local home variable
@@ -72,9 +73,10 @@ stage_changed() {
     [ -n "$home" ] || die "USER $user is nobody in stage $stage"
     enter=(chroot --userspec="$user" "$root" /usr/bin/env --ignore-environment --chdir="$workdir"
         PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "HOME=$home")
-    for variable in http_proxy https_proxy no_proxy NODE_EXTRA_CA_CERTS; do
+    for variable in http_proxy https_proxy no_proxy; do
         [ -z "${!variable:-}" ] || enter+=("$variable=${!variable}")
     done
+    [ ! -e "$root$extra_ca" ] || enter+=("NODE_EXTRA_CA_CERTS=$extra_ca")
 }
 
 # from IMAGE [AS NAME]
@@ -85,7 +87,7 @@ from() {
     root=$work/$stage user=root workdir=/ entrypoint=() cmd=() healthcheck=()
     cp -a "$work/base" "$root"
     if [ -e "${NODE_EXTRA_CA_CERTS:-}" ]; then # whom npm believes beside what it brings, behind a proxy
-        cp --parents --dereference "$NODE_EXTRA_CA_CERTS" "$root"
+        cp --dereference "$NODE_EXTRA_CA_CERTS" "$root$extra_ca"
     fi
     mount -t proc proc "$root/proc"
     stage_changed

@@ -13,6 +13,7 @@
 #include "server/serve/service_notify.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -263,6 +264,17 @@ static enum lw_status announce(struct program *p, const struct lw_relay_scene *s
     return LW_OK;
 }
 
+/* The name of the relay in a tree: its address. 0.0.0.0 and [::] are those of any machine: its name is in
+ * their place. */
+static void name_relay(const struct program *p, char *dst, size_t size) {
+    const struct lw_serve_options *o = &p->settings.serve;
+    char host[HOST_NAME_MAX + 1];
+    lw_serve_options_where(o, p->server, dst, size);
+    const bool is_any = !o->listen_unix && (strcmp(o->host, "0.0.0.0") == 0 || strcmp(o->host, "::") == 0);
+    if (is_any && gethostname(host, sizeof host) == 0)
+        lw_serve_options_format(dst, size, host, lw_server_port(p->server));
+}
+
 /* Until it is to end, or another scene is there. */
 static enum lw_status run_server(struct program *p, const struct lw_relay_scene *scene,
                                  struct lw_error *err) {
@@ -272,7 +284,7 @@ static enum lw_status run_server(struct program *p, const struct lw_relay_scene 
     if (status == LW_OK) status = announce(p, scene, err);
     if (status == LW_OK) {
         char name[LW_SERVE_OPTIONS_WHERE_SIZE];
-        lw_serve_options_where(&p->settings.serve, p->server, name, sizeof name);
+        name_relay(p, name, sizeof name);
         lw_relay_serve(p->relay, p->server, name);
         status = lw_server_run(p->server, err);
         lw_relay_leave(p->relay);

@@ -175,6 +175,13 @@ enum lw_status lw_load_options_parse(int argc, char **argv, struct lw_load_optio
          .min = 0,
          .max = 1e15},
         LW_ACCESS_OPTIONS(&raw.access),
+        {.name = "series",
+         .argument = "FILE",
+         .help =
+             "Write CSV, a line each 100 ms: users, received bytes, and the age of their light. A scene at "
+             "rest ages (default: none).",
+         .kind = LW_OPTION_STRING,
+         .value = &o.series},
         {.name = "json", .help = "Report as one JSON object.", .kind = LW_OPTION_FLAG, .value = &o.json},
     };
     const struct lw_options options = {

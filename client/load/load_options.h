@@ -38,6 +38,7 @@ struct lw_load_options {
     bool download;        /* every session downloads the scene package */
     bool decode_all;      /* every session decodes every tile */
     bool json;
+    const char *series; /* file for the time series; NULL: none */
     int64_t seed;
     /* Limits; infinite or 0 where the option is not given. */
     double latency_max_ms, first_view_max_ms, frames_min_hz;

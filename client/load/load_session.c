@@ -47,6 +47,7 @@ struct lw_load_session {
     uint64_t run;            /* the server's run that `known` is about */
     bool returns;            /* it was here before... */
     uint64_t broke_ns;       /* ...until then */
+    uint64_t light_ns;       /* lw_load_session_light_ns() */
     unsigned attempt;
     uint64_t quiet_ns; /* STOPPED or LEAVING since */
 
@@ -78,6 +79,7 @@ static bool is_over(const struct lw_load_session *s) { return s->state >= LEAVIN
 bool lw_load_session_is_streaming(const struct lw_load_session *s) { return s->state == STREAMING; }
 bool lw_load_session_is_live(const struct lw_load_session *s) { return s->state < LEAVING; }
 enum lw_load_reader lw_load_session_reader(const struct lw_load_session *s) { return s->reader; }
+uint64_t lw_load_session_light_ns(const struct lw_load_session *s) { return s->light_ns; }
 struct lw_load_session *lw_load_session_next(const struct lw_load_session *s) {
     return s->next;
 }
@@ -177,6 +179,7 @@ static bool plan_return(struct lw_load_session *s, uint64_t now_ns) {
                                  .due_ns = now_ns +
                                            lw_client_return_ms(s->retry_after_ms, attempt, seed) * 1000000ull,
                                  .broke_ns = s->welcomed_ns || !s->returns ? now_ns : s->broke_ns,
+                                 .light_ns = s->light_ns,
                                  .run = s->run,
                                  .known = s->known};
     s->known = NULL;
@@ -481,14 +484,17 @@ static void begin_frame(struct lw_load_session *s, const struct lw_message_frame
     (void)lw_frame_clock_hear(
         &shared->clock,
         (struct lw_frame_clock_entry){frame->frame, now_ns, frame->solve_ns, frame->server_cpu_ns});
+    const uint64_t first_heard_ns = lw_frame_clock_find(&shared->clock, frame->frame)->heard_ns;
     f->frames++;
     s->frame = frame->frame;
+    const uint64_t solve_ns = frame->solve_ns < first_heard_ns ? frame->solve_ns : 0;
+    if (first_heard_ns - solve_ns > s->light_ns) s->light_ns = first_heard_ns - solve_ns;
     if (s->state == LOADING) {
         s->first_frame = frame->frame;
         s->state = STREAMING;
         if (s->missing == 0) complete_view(s, now_ns); /* a scene without tiles */
     } else if (s->counts && f->measuring) {
-        lw_histogram_add(&f->frame, now_ns - lw_frame_clock_find(&shared->clock, frame->frame)->heard_ns);
+        lw_histogram_add(&f->frame, now_ns - first_heard_ns);
     }
     s->frames_measured += f->measuring;
     if (s->reader != LW_LOAD_NEVER) return;
@@ -816,6 +822,7 @@ static enum lw_status start(struct lw_load_shared *shared, uint32_t number, enum
         s->returns = true;
         s->attempt = before->attempt;
         s->broke_ns = before->broke_ns;
+        s->light_ns = before->light_ns;
         s->run = before->run;
         s->known = before->known;
         before->known = NULL;

@@ -31,6 +31,7 @@ struct lw_load_return {
     unsigned attempt;  /* how often that has failed */
     uint64_t due_ns;   /* when to try */
     uint64_t broke_ns; /* when the connection did */
+    uint64_t light_ns; /* as lw_load_session_light_ns() */
     uint64_t run;      /* the server's run, of which it has... */
     uint64_t *known;   /* ...these versions, one per tile */
 };
@@ -87,6 +88,9 @@ void lw_load_session_close(struct lw_load_session *session);
 
 /** Whether it gets frames and reads them. */
 bool lw_load_session_is_streaming(const struct lw_load_session *session);
+/** The moment that the user's newest light shows: when its frame first reached any user, less its solve.
+ * 0: the user has had no frame. */
+uint64_t lw_load_session_light_ns(const struct lw_load_session *session);
 /** Whether it has not said goodbye. */
 bool lw_load_session_is_live(const struct lw_load_session *session);
 enum lw_load_reader lw_load_session_reader(const struct lw_load_session *session);

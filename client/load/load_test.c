@@ -1,6 +1,6 @@
 #include "client/load/load_test.h"
 
-#include "client/load/load_session.h"
+#include "client/load/load_series.h"
 #include "common/clock.h"
 #include "common/random.h"
 
@@ -28,12 +28,13 @@ struct totals {
 
 struct load_test {
     uv_loop_t loop;
-    uv_timer_t tick, lag, show;
+    uv_timer_t tick, lag, show, sample;
     uv_signal_t interrupt, terminate;
     const struct lw_load_options *options;
     struct lw_load_scene scene;
     struct lw_load_shared shared;
     struct lw_load_report *report;
+    struct lw_load_series *series; /* NULL: none is written */
     uint64_t began_ns, ticked_ns, lagged_ns;
     uint32_t begun;   /* users of the ramp that have begun to connect */
     uint32_t number;  /* the last session's */
@@ -227,6 +228,11 @@ static void on_show(uv_timer_t *timer) {
     s->shown = now;
 }
 
+static void on_sample(uv_timer_t *timer) {
+    struct load_test *s = timer->data;
+    lw_load_series_add(s->series, &s->shared, lw_clock_ns());
+}
+
 static void on_signal(uv_signal_t *handle, int number) {
     struct load_test *s = handle->data;
     (void)number;
@@ -260,7 +266,8 @@ static enum lw_status start_loop(struct load_test *s, struct lw_error *err) {
     uv_timer_init(&s->loop, &s->tick);
     uv_timer_init(&s->loop, &s->lag);
     uv_timer_init(&s->loop, &s->show);
-    s->tick.data = s->lag.data = s->show.data = s->interrupt.data = s->terminate.data = s;
+    uv_timer_init(&s->loop, &s->sample);
+    s->tick.data = s->lag.data = s->show.data = s->sample.data = s->interrupt.data = s->terminate.data = s;
     if ((result = uv_signal_init(&s->loop, &s->interrupt)) < 0 ||
         (result = uv_signal_init(&s->loop, &s->terminate)) < 0 ||
         (result = uv_signal_start(&s->interrupt, on_signal, SIGINT)) < 0 ||
@@ -269,6 +276,7 @@ static enum lw_status start_loop(struct load_test *s, struct lw_error *err) {
     s->began_ns = s->ticked_ns = s->lagged_ns = lw_clock_ns();
     uv_timer_start(&s->tick, on_tick, 0, TICK_MS);
     uv_timer_start(&s->lag, on_lag, LAG_MS, LAG_MS);
+    if (s->series) uv_timer_start(&s->sample, on_sample, LW_LOAD_SERIES_MS, LW_LOAD_SERIES_MS);
     if (isatty(STDERR_FILENO)) uv_timer_start(&s->show, on_show, SHOW_MS, SHOW_MS);
     return LW_OK;
 }
@@ -306,7 +314,9 @@ static enum lw_status prepare(struct load_test *s, struct lw_error *err) {
     s->report->download_ns = s->scene.download_ns;
     status = lw_tile_check_create(&s->scene.map, o->decode_all, &s->shared.check);
     if (status == LW_OK) status = lw_frame_clock_init(&s->shared.clock);
-    return status == LW_OK ? start_loop(s, err) : lw_status_fail(err, status, "%s", lw_status_text(status));
+    if (status != LW_OK) return lw_status_fail(err, status, "%s", lw_status_text(status));
+    if (o->series) status = lw_load_series_create(o->series, &s->series, err);
+    return status == LW_OK ? start_loop(s, err) : status;
 }
 
 enum lw_status lw_load_test_run(const struct lw_load_options *options, struct lw_load_report **out_report,
@@ -327,6 +337,8 @@ enum lw_status lw_load_test_run(const struct lw_load_options *options, struct lw
         if (isatty(STDERR_FILENO)) fprintf(stderr, "\r\033[K");
     }
     stop_loop(s);
+    const enum lw_status written = lw_load_series_finish(s->series, err);
+    if (status == LW_OK) status = written;
     lw_load_session_forget_returning(&s->shared);
     lw_tile_check_destroy(s->shared.check);
     lw_frame_clock_finish(&s->shared.clock);

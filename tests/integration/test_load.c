@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #define LIMIT_S   LW_PROCESS_LIMIT_S
 #define WINDOW_MS 1000 /* length of an interrupted run */
@@ -203,16 +204,55 @@ static void test_server_killed(void **state) {
     free(complaints);
 }
 
-/* The server is killed and started again: everybody comes back, once, and is served. */
+/* What a series says, line by line. */
+struct series {
+    unsigned lines, users_last, users_min; /* min: once all were there */
+    double bytes, age_last_ms, age_max_ms;
+};
+
+static struct series read_series(const char *path, unsigned users) {
+    struct series s = {.users_min = users};
+    double before_s = 0, now_s, bytes, age_p50_ms, age_max_ms;
+    char line[200];
+    bool all_came = false;
+    FILE *file = fopen(path, "re");
+    assert_non_null(file);
+    assert_non_null(fgets(line, sizeof line, file));
+    assert_string_equal(line, "unix_s,users,bytes,age_p50_ms,age_max_ms\n");
+    for (; fgets(line, sizeof line, file); s.lines++) {
+        const int fields =
+            sscanf(line, "%lf,%u,%lf,%lf,%lf", &now_s, &s.users_last, &bytes, &age_p50_ms, &age_max_ms);
+        assert_true(fields == 5 || (fields == 3 && !all_came));
+        assert_true(now_s >= before_s && s.users_last <= users);
+        before_s = now_s;
+        s.bytes += bytes;
+        all_came |= s.users_last == users;
+        if (!all_came) continue;
+        assert_true(age_p50_ms >= 0 && age_max_ms >= 0.99 * age_p50_ms); /* a quantile is inexact by 1/128 */
+        if (s.users_last < s.users_min) s.users_min = s.users_last;
+        if (age_max_ms > s.age_max_ms) s.age_max_ms = age_max_ms;
+        s.age_last_ms = age_max_ms;
+    }
+    fclose(file);
+    assert_int_equal(unlink(path), 0);
+    assert_true(all_came);
+    return s;
+}
+
+/* The server is killed and started again: everybody comes back, once, and is served. The series shows it: no
+ * users for a while, and light that ages until they are back. */
 static void test_server_restarted(void **state) {
     (void)state;
     struct lw_process daemon, load;
-    char again[256];
+    char again[256], options[300];
+    const char *path = lw_support_temporary("series.csv");
     lw_process_serve(&daemon, NEVER_RESTS);
+    snprintf(options, sizeof options, "--users 50 --seconds 600 --reconnect --json --series %s", path);
     snprintf(again, sizeof again, NEVER_RESTS "--listen 127.0.0.1:%u", (unsigned)daemon.port);
-    start_load(&load, &daemon, "--users 50 --seconds 600 --reconnect --json");
+    start_load(&load, &daemon, options);
     wait_for_users(&daemon, 50);
     assert_int_equal(lw_process_stop(&daemon, SIGKILL, LIMIT_S), -SIGKILL);
+    lw_process_sleep_ms(WINDOW_MS);
     lw_process_serve(&daemon, again);
     wait_for_users(&daemon, 50);
     assert_int_equal(lw_process_stop(&load, SIGINT, LIMIT_S), 1);
@@ -222,6 +262,9 @@ static void test_server_restarted(void **state) {
     assert_true(number(r, "broken") == 50 && number(r, "returned") == 50);
     assert_true(number(r, "welcomed") == 100 && number(r, "users_at_end") == 50 && number(r, "lost") == 0);
     assert_true(time_of(r, "served_ms", "count") == 50 && time_of(r, "first_view_ms", "count") == 50);
+    const struct series s = read_series(path, 50);
+    assert_true(s.lines > 10 && s.users_min == 0 && s.users_last == 50);
+    assert_true(s.bytes > 0 && s.age_max_ms > WINDOW_MS && s.age_last_ms < s.age_max_ms);
     json_decref(r);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
 }
@@ -257,6 +300,9 @@ static void test_bad_input(void **state) {
     expect_failure("127.0.0.1:1 --users 0", 64, "from 1 to 20000");
     expect_failure("127.0.0.1:1 --users 1000000", 64, "from 1 to 20000");
     expect_failure("nowhere.invalid:1", 68, "nowhere.invalid");
+    char unwritable[100];
+    snprintf(unwritable, sizeof unwritable, "127.0.0.1:%u --users 1 --series /nowhere/s.csv", shared.port);
+    expect_failure(unwritable, 74, "--series: cannot write /nowhere/s.csv");
 }
 
 static void test_thresholds(void **state) {

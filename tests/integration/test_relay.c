@@ -6,6 +6,7 @@
 #include "common/clock.h"
 #include "proto/message.h"
 
+#include <limits.h>
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -468,9 +469,10 @@ static char *show_tree(const struct lw_process *of) {
 }
 
 /* Shows it again until it has a line of this server with that number of clients. */
-static void await_in_tree(const struct lw_process *of, unsigned indent, uint16_t port, unsigned clients) {
-    char name[64], counted[64];
-    snprintf(name, sizeof name, "\n%*s127.0.0.1:%u ", (int)indent, "", port);
+static void await_in_tree(const struct lw_process *of, unsigned indent, const char *host, uint16_t port,
+                          unsigned clients) {
+    char name[HOST_NAME_MAX + 64], counted[64];
+    snprintf(name, sizeof name, "\n%*s%s:%u ", (int)indent, "", host, port);
     snprintf(counted, sizeof counted, "clients %u ", clients);
     const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
     for (bool found = false; !found;) {
@@ -483,21 +485,23 @@ static void await_in_tree(const struct lw_process *of, unsigned indent, uint16_t
     }
 }
 
-/* Who feeds whom, as lightwellctl shows it at the daemon, and at a relay. A relay that ended is not shown. */
+/* Who feeds whom, as lightwellctl shows it at the daemon, and at a relay. A relay that listens everywhere has
+ * its machine's name. A relay that ended is not shown. */
 static void the_tree_is_shown(void **state) {
     (void)state;
-    char upstream[64], *text;
+    char upstream[64], host[HOST_NAME_MAX + 1], name[HOST_NAME_MAX + 64], *text;
+    assert_int_equal(gethostname(host, sizeof host), 0);
     lw_process_serve(&server, LW_RELAYS_CORNELL);
     snprintf(upstream, sizeof upstream, "127.0.0.1:%u", server.port);
     lw_relays_start(&relay[0], upstream, "");
     snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
-    lw_relays_start(&relay[1], upstream, "");
+    lw_relays_start(&relay[1], upstream, "--listen 0.0.0.0:0 --insecure");
     lw_relays_join(0, relay[1].port);
     lw_relays_join(1, relay[1].port);
     lw_relays_wait(lw_relays_all_rest);
-    await_in_tree(&server, 4, relay[1].port, 2);
-    await_in_tree(&server, 2, relay[0].port, 0);
-    await_in_tree(&relay[0], 4, relay[1].port, 2);
+    await_in_tree(&server, 4, host, relay[1].port, 2);
+    await_in_tree(&server, 2, "127.0.0.1", relay[0].port, 0);
+    await_in_tree(&relay[0], 4, host, relay[1].port, 2);
     text = show_tree(&relay[0]);
     snprintf(upstream, sizeof upstream, "127.0.0.1:%u\n  127.0.0.1:%u ", server.port, relay[0].port);
     assert_true(strncmp(text, upstream, strlen(upstream)) == 0); /* the server above, and itself */
@@ -507,11 +511,11 @@ static void the_tree_is_shown(void **state) {
         lw_relays_client[i] = NULL;
     }
     assert_int_equal(lw_process_stop(&relay[1], SIGTERM, LW_PROCESS_LIMIT_S), 0);
-    snprintf(upstream, sizeof upstream, "127.0.0.1:%u ", relay[1].port);
+    snprintf(name, sizeof name, "%s:%u ", host, relay[1].port);
     const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
     for (bool is_gone = false; !is_gone; assert_true(lw_clock_ns() < end_ns)) {
         text = show_tree(&server);
-        is_gone = !strstr(text, upstream);
+        is_gone = !strstr(text, name);
         free(text);
     }
 }

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define WORDS_MAX 16
+#define WORDS_MAX 20
 
 static enum lw_status parse(const char *line, struct lw_load_options *out, struct lw_error *err) {
     static char text[512];
@@ -35,6 +35,7 @@ static void test_defaults(void **state) {
     assert_int_equal(o.errors_max, 0);
     assert_true(o.churn_hz == 0 && o.frames_min_hz == 0 && !o.download && !o.decode_all && !o.json);
     assert_true(isinf(o.latency_max_ms) && isinf(o.first_view_max_ms));
+    assert_null(o.series);
 }
 
 static void test_values(void **state) {
@@ -43,7 +44,7 @@ static void test_values(void **state) {
     struct lw_error err;
     lw_support_ok(
         parse("[::1]:99 --users 20000 --seconds 2.5 --ramp 10 --path teleport --reader slow:12.5 --churn 3 "
-              "--max-latency-ms 50",
+              "--max-latency-ms 50 --series s.csv",
               &o, &err),
         &err);
     assert_string_equal(o.host, "::1");
@@ -54,6 +55,7 @@ static void test_values(void **state) {
     assert_int_equal(o.odd_readers, o.users);
     assert_true(o.slow_bytes_hz == 12500 && o.ramp_hz == 10 && o.churn_hz == 3 && o.seconds == 2.5);
     assert_true(o.latency_max_ms == 50);
+    assert_string_equal(o.series, "s.csv");
     lw_support_ok(parse("--users 10 --reader never --odd-readers 2", &o, &err), &err);
     assert_int_equal(o.reader, LW_LOAD_NEVER);
     assert_int_equal(o.odd_readers, 2);
