@@ -4,7 +4,7 @@
  *     bench_direct --at X,Y,Z --spacing M SCENE...
  *
  * Packets of 4 x 4 points lie where rays from --at end, whose directions are random. After 16 frames the
- * error is measured: relMSE is the variance over the square of the mean, by luminance. Prints the mean and the
+ * error is measured: relMSE is the variance over the square of the mean, by luminance. Prints mean and
  * median of relMSE over packets, CPU us and rays of a packet and frame, and the sum of E, which is the same
  * for two versions of the program within its noise. */
 #include "common/clock.h"
