@@ -42,6 +42,7 @@ forbid() {
 }
 
 forbid common '(proto|server|client|relay)/' 'common knows nobody'
+forbid common/base 'common/(builtin|guide|image|light|lightmap|nats|open|scene|shading|tile|tls|trace)/' 'the base knows no other room'
 forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither lightmaps nor builtin scenes'
 forbid proto '(server|client|relay)/' 'proto knows common alone'
 forbid server '(client|lightwell|relay)/' 'the server does not know the client'
@@ -141,7 +142,7 @@ common/lightmap/lightmap_merge common/lightmap/lightmap_chart
 common/lightmap/lightmap_pack common/lightmap/lightmap
 common/lightmap/lightmap_shape common/lightmap/lightmap
 common/lightmap/lightmap_split common/lightmap/lightmap_chart
-common/options_manual common/options
+common/base/options_manual common/base/options
 server/import/foreign/foreign_import server/import/foreign/foreign
 server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
 server/serve/server_private server/serve/server

@@ -1,7 +1,7 @@
 #include "server/daemon.h"
 
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_spares.h"

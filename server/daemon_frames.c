@@ -1,7 +1,7 @@
 #include "server/daemon_frames.h"
 
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "server/serve/service_notify.h"
 
 #include <errno.h>

@@ -4,7 +4,7 @@
 #ifndef LW_DAEMON_METRICS_H
 #define LW_DAEMON_METRICS_H
 
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 #include "server/cost_report.h"
 #include "server/nats/nats_publisher.h"
 #include "server/publish/publisher.h"

@@ -1,8 +1,8 @@
 #include "server/daemon_settings.h"
 
+#include "common/base/folders.h"
+#include "common/base/log.h"
 #include "common/builtin/builtin.h"
-#include "common/folders.h"
-#include "common/log.h"
 #include "server/publish/publisher.h"
 #include "server/solve/combinations.h"
 

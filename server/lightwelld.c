@@ -1,10 +1,10 @@
 /* lightwelld.c: the daemon. Reads a scene, lights it frame by frame in one thread, serves it from another.
  * Threads: main is the loop [loop]; see daemon.h. */
-#include "common/clock.h"
-#include "common/interrupt.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/wait_policy.h"
 #include "common/trace/trace.h"
-#include "common/wait_policy.h"
 #include "server/daemon_frames.h"
 #include "server/daemon_succession.h"
 #include "server/serve/service_notify.h"

@@ -1,7 +1,7 @@
 #include "client/control/ctl_command.h"
 
 #include "client/control/ctl_names.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/scene/pose.h"
 
 #include <stdlib.h>

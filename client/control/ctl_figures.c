@@ -1,6 +1,6 @@
 #include "client/control/ctl_figures.h"
 
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 
 #include <math.h>
 #include <stdarg.h>

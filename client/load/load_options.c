@@ -1,7 +1,7 @@
 #include "client/load/load_options.h"
 
+#include "common/base/options.h"
 #include "common/open/scene_open.h"
-#include "common/options.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "client/load/load_report.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <errno.h>
 #include <inttypes.h>

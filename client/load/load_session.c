@@ -1,8 +1,8 @@
 #include "client/load/load_session.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 #include "proto/message_reader.h"
 
 #include <assert.h>

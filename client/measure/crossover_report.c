@@ -7,7 +7,7 @@
 #include "client/measure/gnuplot.h"
 #include "client/measure/report_text.h"
 #include "client/measure/sides/views.h"
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -3,11 +3,11 @@
 #include "client/measure/sides/cache_renderer.h"
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/views.h"
-#include "common/atomic_file.h"
-#include "common/clock.h"
+#include "common/base/atomic_file.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 #include "common/image/apng.h"
-#include "common/log.h"
-#include "common/progress.h"
 
 #include <malloc.h>
 #include <math.h>

@@ -37,7 +37,7 @@ struct lw_measure_options_raw {
 #define LW_MEASURE_OPTIONS_BOUNCES 2
 #define LW_MEASURE_OPTIONS_SEED    1
 
-/** The rows of an option table (common/options.h) that fill `raw`, a pointer to the above. Defaults are
+/** The rows of an option table (common/base/options.h) that fill `raw`, a pointer to the above. Defaults are
  * literals of the command, for the help. */
 /* clang-format off */
 #define LW_MEASURE_OPTIONS(raw, size_default, repeats_help, reference_help, reference_min)                   \

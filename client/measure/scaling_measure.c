@@ -7,8 +7,8 @@
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/real_run.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <math.h>
 #include <stdio.h>

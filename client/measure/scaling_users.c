@@ -1,7 +1,7 @@
 #include "client/measure/scaling_users.h"
 
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <stdlib.h>
 

@@ -8,7 +8,7 @@
 #ifndef LW_CLIENT_PATHS_PATH_FILM_H
 #define LW_CLIENT_PATHS_PATH_FILM_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,10 +1,10 @@
 #include "client/paths/path_trace.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
 #include "common/guide/guide.h"
 #include "common/light/direct16.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #include <assert.h>
 #include <omp.h>

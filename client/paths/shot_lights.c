@@ -1,8 +1,8 @@
 #include "client/paths/shot_lights.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #include <stdlib.h>
 #include <string.h>

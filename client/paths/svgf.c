@@ -1,8 +1,8 @@
 #include "client/paths/svgf.h"
 
 #include "client/paths/reprojection.h"
-#include "common/colour.h"
-#include "common/wide.h"
+#include "common/base/colour.h"
+#include "common/base/wide.h"
 
 #include <omp.h>
 #include <stdlib.h>

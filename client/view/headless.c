@@ -7,10 +7,10 @@
 #include "client/view/compose/stage.h"
 #include "client/view/export.h"
 #include "client/view/plateau.h"
-#include "common/clock.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/clock.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 #include "common/tile/tile_channels.h"
 
 #include <inttypes.h>

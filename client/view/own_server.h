@@ -4,8 +4,8 @@
 #ifndef LW_CLIENT_VIEW_OWN_SERVER_H
 #define LW_CLIENT_VIEW_OWN_SERVER_H
 
+#include "common/base/status.h"
 #include "common/open/scene_open.h"
-#include "common/status.h"
 
 #include <stdint.h>
 

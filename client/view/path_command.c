@@ -1,10 +1,10 @@
 #include "client/view/path_command.h"
 
 #include "client/view/export.h"
-#include "common/clock.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/clock.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <inttypes.h>
 #include <math.h>

@@ -2,7 +2,7 @@
 
 #include "client/paths/camera_default.h"
 #include "client/view/compose/antialias.h"
-#include "common/options.h"
+#include "common/base/options.h"
 
 #include <stdlib.h>
 #include <string.h>

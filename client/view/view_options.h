@@ -8,8 +8,8 @@
 #include "client/paths/path_trace.h"
 #include "client/view/compose/show.h"
 #include "client/view/tonemap.h"
+#include "common/base/status.h"
 #include "common/open/scene_open.h"
-#include "common/status.h"
 #include "common/tile/atlas.h"
 
 #include <stdint.h>

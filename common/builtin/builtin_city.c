@@ -5,7 +5,7 @@
 #include "common/builtin/builtin_street.h"
 #include "common/builtin/builtin_texture.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <stdio.h>
 

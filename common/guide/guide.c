@@ -1,6 +1,6 @@
 #include "common/guide/guide.h"
 
-#include "common/wide.h"
+#include "common/base/wide.h"
 
 #include <omp.h>
 #include <stdatomic.h>

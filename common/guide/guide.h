@@ -17,8 +17,8 @@
 #ifndef LW_COMMON_GUIDE_H
 #define LW_COMMON_GUIDE_H
 
-#include "common/status.h"
-#include "common/vec.h"
+#include "common/base/status.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 

@@ -10,7 +10,7 @@
 #ifndef LW_COMMON_FLIP_H
 #define LW_COMMON_FLIP_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

@@ -3,7 +3,7 @@
 #ifndef LW_COMMON_IMAGE_H
 #define LW_COMMON_IMAGE_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,6 +1,6 @@
 #include "common/light/client_lights.h"
 
-#include "common/union_find.h"
+#include "common/base/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -27,8 +27,8 @@
 #ifndef LW_COMMON_DIRECTION_FORM_H
 #define LW_COMMON_DIRECTION_FORM_H
 
-#include "common/colour.h"
-#include "common/vec.h"
+#include "common/base/colour.h"
+#include "common/base/vec.h"
 
 #define LW_DIRECTION_FACTOR_MAX 4.0f
 #define LW_DIRECTION_GAIN_MAX   8.0f

@@ -1,6 +1,6 @@
 #include "common/light/lamp_rays.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/light/direction.h"
 
 #include <stdlib.h>

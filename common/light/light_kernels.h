@@ -5,8 +5,8 @@
 #ifndef LW_COMMON_LIGHT_KERNELS_H
 #define LW_COMMON_LIGHT_KERNELS_H
 
+#include "common/base/wide.h"
 #include "common/light/lights.h"
-#include "common/wide.h"
 
 #include <float.h>
 

@@ -1,7 +1,7 @@
 #include "common/light/lights.h"
 
-#include "common/cdf.h"
-#include "common/colour.h"
+#include "common/base/cdf.h"
+#include "common/base/colour.h"
 #include "common/light/direction.h"
 #include "common/light/light_kernels.h"
 #include "common/light/spherical_triangle.h"

@@ -10,7 +10,7 @@
 #ifndef LW_COMMON_VIRTUAL_PATHS_H
 #define LW_COMMON_VIRTUAL_PATHS_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,11 +1,11 @@
 #include "common/lightmap/lightmap.h"
 
+#include "common/base/progress.h"
 #include "common/lightmap/lightmap_chart.h"
 #include "common/lightmap/lightmap_check.h"
 #include "common/lightmap/lightmap_density.h"
 #include "common/lightmap/lightmap_pack.h"
 #include "common/lightmap/lightmap_things.h"
-#include "common/progress.h"
 #include "common/scene/pose.h"
 
 #include <float.h>

@@ -1,8 +1,8 @@
 #include "common/lightmap/lightmap_check.h"
 
+#include "common/base/union_find.h"
 #include "common/lightmap/lightmap.h"
 #include "common/lightmap/lightmap_topology.h"
-#include "common/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>

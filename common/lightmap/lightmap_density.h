@@ -4,8 +4,8 @@
 #ifndef LW_COMMON_LIGHTMAP_DENSITY_H
 #define LW_COMMON_LIGHTMAP_DENSITY_H
 
+#include "common/base/status.h"
 #include "common/scene/scene.h"
-#include "common/status.h"
 
 /* Multiples of texels per metre; 8 a side are 64 times the texels. */
 #define LW_LIGHTMAP_FACTOR_MIN (1.0 / 64)

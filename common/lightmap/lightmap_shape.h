@@ -3,8 +3,8 @@
 #ifndef LW_COMMON_LIGHTMAP_SHAPE_H
 #define LW_COMMON_LIGHTMAP_SHAPE_H
 
+#include "common/base/vec.h"
 #include "common/lightmap/lightmap.h"
-#include "common/vec.h"
 
 #include <stdint.h>
 

@@ -1,6 +1,6 @@
 #include "common/nats/nats_link.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <errno.h>
 #include <pthread.h>

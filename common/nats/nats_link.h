@@ -7,8 +7,8 @@
 #ifndef LW_NATS_NATS_LINK_H
 #define LW_NATS_NATS_LINK_H
 
-#include "common/status.h"
-#include "common/tls_trust_desc.h"
+#include "common/base/status.h"
+#include "common/base/tls_trust_desc.h"
 
 #include <nats/nats.h>
 #include <stdbool.h>

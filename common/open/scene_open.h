@@ -4,9 +4,9 @@
 #ifndef LW_COMMON_SCENE_OPEN_H
 #define LW_COMMON_SCENE_OPEN_H
 
+#include "common/base/options.h"
 #include "common/lightmap/lightmap.h"
 #include "common/open/import_spawn.h"
-#include "common/options.h"
 
 /* The default angular diameter of directional lights: the sun's. */
 #define LW_SCENE_OPEN_SUN_DIAMETER_DEG 0.53
@@ -34,7 +34,7 @@ struct lw_scene_open {
     const _Atomic bool *cancel; /* may be NULL */
 };
 
-/** The rows of an option table (common/options.h) that fill these settings. open: a pointer to a
+/** The rows of an option table (common/base/options.h) that fill these settings. open: a pointer to a
  * struct lw_scene_open. */
 /* clang-format off */
 #define LW_SCENE_OPEN_OPTIONS(open)                                                                         \

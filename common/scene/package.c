@@ -1,6 +1,6 @@
 #include "common/scene/package.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/pixel_filter.h"
 #include "common/scene/records.h"

@@ -7,9 +7,9 @@
 #ifndef LW_COMMON_SCENE_H
 #define LW_COMMON_SCENE_H
 
+#include "common/base/status.h"
+#include "common/base/vec.h"
 #include "common/shading/lobes.h"
-#include "common/status.h"
-#include "common/vec.h"
 
 #include <stdint.h>
 

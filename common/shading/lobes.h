@@ -16,7 +16,7 @@
 #ifndef LW_COMMON_LOBES_H
 #define LW_COMMON_LOBES_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 struct lw_lobes {
     struct lw_vec3 diffuse; /* albedo of the lobe without its gloss, in [0, 1]: base x (1 - metalness) */

@@ -14,7 +14,7 @@
 #ifndef LW_COMMON_SHADING_BEND_H
 #define LW_COMMON_SHADING_BEND_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 /* Smoothed normals may turn away from the eye at an outline: there ng counts as seen under this cosine. */
 #define LW_SHADING_BEND_SEEN_MIN 1e-3f

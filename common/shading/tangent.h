@@ -6,7 +6,7 @@
 #ifndef LW_COMMON_TANGENT_H
 #define LW_COMMON_TANGENT_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 

@@ -8,7 +8,7 @@
 #ifndef LW_COMMON_FINE_IDS_H
 #define LW_COMMON_FINE_IDS_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdbool.h>
 #include <stdint.h>

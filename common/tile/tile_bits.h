@@ -4,7 +4,7 @@
 #ifndef LW_COMMON_TILE_BITS_H
 #define LW_COMMON_TILE_BITS_H
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stddef.h>
 #include <stdint.h>

@@ -3,7 +3,7 @@
 #ifndef LW_COMMON_TILE_CODEC_H
 #define LW_COMMON_TILE_CODEC_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "common/tile/atlas.h"
 #include "common/tile/tile_dct.h"
 

@@ -1,8 +1,8 @@
 #include "common/tile/tile_dct.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 #include "common/tile/tile_bits.h"
-#include "common/wide.h"
 
 #include <math.h>
 #include <stddef.h>

@@ -6,7 +6,7 @@
 #ifndef LW_COMMON_TILE_DCT_H
 #define LW_COMMON_TILE_DCT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "common/tile/tile_rans.h"
 
 #define LW_TILE_DCT_SIDE 8u

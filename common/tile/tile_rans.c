@@ -1,7 +1,7 @@
 #include "common/tile/tile_rans.h"
 
-#include "common/invariant.h"
-#include "common/wide.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 
 #include <stddef.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "common/tls/tls_stream.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <arpa/inet.h>
 #include <openssl/bio.h>

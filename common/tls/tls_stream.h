@@ -8,7 +8,7 @@
 #ifndef LW_COMMON_TLS_STREAM_H
 #define LW_COMMON_TLS_STREAM_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,9 +1,9 @@
 #include "common/trace/trace.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
+#include "common/base/wide.h"
 #include "common/trace/trace_context.h"
 #include "common/trace/trace_isa.h"
-#include "common/wide.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

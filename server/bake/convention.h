@@ -5,7 +5,7 @@
 #ifndef LW_BAKE_CONVENTION_H
 #define LW_BAKE_CONVENTION_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 enum lw_convention_kind {
     LW_CONVENTION_IRRADIANCE, /* E */

@@ -1,7 +1,7 @@
 #include "server/bake/map.h"
 
+#include "common/base/random.h"
 #include "common/light/direction_form.h"
-#include "common/random.h"
 #include "server/publish/levels.h"
 
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "server/import/far_out.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"
 

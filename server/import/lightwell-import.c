@@ -1,13 +1,13 @@
 /* lightwell-import: turns a scene file into a scene package (.lwscene), with lightmap UVs.
  * Flow:    a file in one of LW_SCENE_FORMAT_MAP, or builtin:NAME -> scene -> lightmap UVs -> package */
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/options.h"
+#include "common/base/progress.h"
 #include "common/builtin/builtin.h"
-#include "common/clock.h"
 #include "common/lightmap/lightmap.h"
-#include "common/log.h"
 #include "common/open/import_spawn.h"
-#include "common/options.h"
-#include "common/progress.h"
 #include "common/scene/package.h"
 #include "server/import/cage.h"
 #include "server/import/far_out.h"

@@ -1,7 +1,7 @@
 #include "server/publish/publisher.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "common/light/direction_form.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/frame_message.h"

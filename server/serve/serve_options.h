@@ -4,7 +4,7 @@
 #ifndef LW_SERVE_SERVE_OPTIONS_H
 #define LW_SERVE_SERVE_OPTIONS_H
 
-#include "common/options.h"
+#include "common/base/options.h"
 #include "server/serve/server.h"
 
 #define LW_SERVE_OPTIONS_HTTP_PORT    7781

@@ -1,9 +1,9 @@
 #include "server/serve/server.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
-#include "common/slices.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
+#include "common/base/slices.h"
 #include "server/serve/server_handover.h"
 #include "server/serve/server_listeners.h"
 #include "server/serve/server_packages.h"

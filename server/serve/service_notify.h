@@ -5,7 +5,7 @@
 #ifndef LW_SERVE_SERVICE_NOTIFY_H
 #define LW_SERVE_SERVICE_NOTIFY_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 /** Sends assignments, apart by newlines, such as "READY=1". Never waits: what the manager has no room for is
  * lost. Returns whether it was sent; false, too, where no manager asked. */

@@ -8,9 +8,9 @@
  * other renderers (cycles.py) and of other options. SHOWN.png is the picture at that exposure, by Reinhard's
  * curve, as lightwell-view writes it. */
 #include "client/view/tonemap.h"
+#include "common/base/log.h"
 #include "common/image/flip.h"
 #include "common/image/image.h"
-#include "common/log.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -2,8 +2,8 @@
 
 #include "client/measure/figures/reference.h"
 #include "client/measure/figures/view_error.h"
+#include "common/base/random.h"
 #include "common/image/flip.h"
-#include "common/random.h"
 
 #include <math.h>
 #include <stdlib.h>

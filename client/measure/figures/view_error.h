@@ -23,7 +23,7 @@
 #define LW_CLIENT_MEASURE_FIGURES_VIEW_ERROR_H
 
 #include "client/view/tonemap.h"
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

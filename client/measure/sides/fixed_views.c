@@ -2,7 +2,7 @@
 
 #include "client/measure/sides/path_world.h"
 #include "client/measure/sides/views.h"
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/scene/scene_motion.h"
 
 #include <math.h>

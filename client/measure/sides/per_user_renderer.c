@@ -3,8 +3,8 @@
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/path_world.h"
 #include "client/measure/sides/views.h"
-#include "common/clock.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 
 #include <stdlib.h>
 

@@ -1,7 +1,7 @@
 #include "client/view/compose/compose.h"
 
 #include "client/view/compose/compose_render.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/lightmap/lightmap.h"
 
 #include <omp.h>

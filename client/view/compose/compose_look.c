@@ -1,6 +1,6 @@
 #include "client/view/compose/compose_look.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/tile/fine_choice.h"
 
 /* Whether a look-up of level 0 reads even light: a finer level would show the same. Noisy texels, and tiles

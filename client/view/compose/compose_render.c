@@ -1,7 +1,7 @@
 #include "client/view/compose/compose_render.h"
 
 #include "client/view/compose/compose_hits.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <omp.h>
 

@@ -1,10 +1,10 @@
 #include "client/view/lights/direct_pixels.h"
 
 #include "client/view/lights/emitter_clusters.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
+#include "common/base/sampling.h"
+#include "common/base/wide.h"
 #include "common/light/lights16.h"
-#include "common/sampling.h"
-#include "common/wide.h"
 
 #include <float.h>
 #include <stdlib.h>

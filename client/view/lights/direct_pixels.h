@@ -23,8 +23,8 @@
 #define LW_CLIENT_VIEW_LIGHTS_DIRECT_PIXELS_H
 
 #include "client/view/shading/gloss.h"
+#include "common/base/points16.h"
 #include "common/light/client_lights.h"
-#include "common/points16.h"
 #include "common/trace/trace.h"
 
 #define LW_DIRECT_PIXELS_SIDE   8u /* blocks of 4 x 4 pixels along a screen tile's side */

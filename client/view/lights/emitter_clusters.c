@@ -1,10 +1,10 @@
 #include "client/view/lights/emitter_clusters.h"
 
-#include "common/cdf.h"
-#include "common/colour.h"
+#include "common/base/cdf.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
+#include "common/base/wide.h"
 #include "common/light/light_kernels.h"
-#include "common/random.h"
-#include "common/wide.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -13,8 +13,8 @@
 #ifndef LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 #define LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 
+#include "common/base/points16.h"
 #include "common/light/lights.h"
-#include "common/points16.h"
 #include "common/trace/trace.h"
 
 #define LW_EMITTER_CLUSTERS_POINTS     64u /* places on a cluster, a multiple of 16 */

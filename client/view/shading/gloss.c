@@ -1,10 +1,10 @@
 #include "client/view/shading/gloss.h"
 
+#include "common/base/wide.h"
 #include "common/light/direction_form.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/microfacets.h"
 #include "common/shading/shading_bend.h"
-#include "common/wide.h"
 
 #include <float.h>
 

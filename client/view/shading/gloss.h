@@ -21,7 +21,7 @@
 #define LW_CLIENT_VIEW_SHADING_GLOSS_H
 
 #include "client/view/shading/ambient.h"
-#include "common/points16.h"
+#include "common/base/points16.h"
 #include "common/shading/lobes.h"
 
 #define LW_GLOSS_WIDTH 16u

@@ -11,8 +11,8 @@
 #ifndef LW_CLIENT_VIEW_SHADING_MIRROR_H
 #define LW_CLIENT_VIEW_SHADING_MIRROR_H
 
+#include "common/base/random.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "client/view/window/comparison.h"
 
 #include "client/paths/path_trace.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <math.h>
 #include <omp.h>

@@ -5,7 +5,7 @@
 #define LW_CLIENT_VIEW_WINDOW_OVERLAY_H
 
 #include "client/view/compose/compose.h"
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 
 #define LW_OVERLAY_LINE_SIZE 64
 

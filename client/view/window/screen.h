@@ -6,7 +6,7 @@
 #define LW_CLIENT_VIEW_WINDOW_SCREEN_H
 
 #include "client/gl/gl_panel.h"
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <SDL.h>
 

@@ -13,8 +13,8 @@
 #include "client/view/window/saved_picture.h"
 #include "client/view/window/screen.h"
 #include "client/view/window/seeker.h"
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "common/tile/tile_channels.h"
 
 #include <SDL.h>

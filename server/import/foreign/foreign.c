@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/foreign/foreign_animation.h"
 #include "server/import/foreign/foreign_text.h"
 #include "server/import/guard.h"

@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign_mesh.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "server/import/mesh/mesh_sides.h"
 
 #include <stdlib.h>

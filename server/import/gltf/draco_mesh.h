@@ -6,7 +6,7 @@
 #ifndef LW_IMPORT_GLTF_DRACO_MESH_H
 #define LW_IMPORT_GLTF_DRACO_MESH_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

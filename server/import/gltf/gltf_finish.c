@@ -1,6 +1,6 @@
 #include "server/import/gltf/gltf_finish.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/images/finish_texels.h"
 #include "server/import/mesh/mesh_builder.h"
 

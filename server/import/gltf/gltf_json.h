@@ -5,7 +5,7 @@
 #ifndef LW_IMPORT_GLTF_GLTF_JSON_H
 #define LW_IMPORT_GLTF_GLTF_JSON_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <jansson.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 #include "server/import/images/environment_file.h"
 
+#include "common/base/log.h"
 #include "common/image/image.h"
-#include "common/log.h"
 
 #include <math.h>
 #include <stdlib.h>

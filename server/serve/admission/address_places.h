@@ -4,7 +4,7 @@
 #ifndef LW_SERVE_ADMISSION_ADDRESS_PLACES_H
 #define LW_SERVE_ADMISSION_ADDRESS_PLACES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 #include <sys/socket.h>

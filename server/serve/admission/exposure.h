@@ -3,7 +3,7 @@
 #ifndef LW_SERVE_ADMISSION_EXPOSURE_H
 #define LW_SERVE_ADMISSION_EXPOSURE_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 /** What guards a server. */
 struct lw_exposure {

@@ -7,7 +7,7 @@
 #ifndef LW_SERVE_ADMISSION_TOKENS_H
 #define LW_SERVE_ADMISSION_TOKENS_H
 
-#include "common/token.h"
+#include "common/base/token.h"
 
 #define LW_TOKENS_MAX      1024u
 #define LW_TOKENS_FILE_MAX (256u << 10) /* bytes */

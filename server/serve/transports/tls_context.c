@@ -1,7 +1,7 @@
 #include "server/serve/transports/tls_context.h"
 
-#include "common/invariant.h"
-#include "common/secret_file.h"
+#include "common/base/invariant.h"
+#include "common/base/secret_file.h"
 #include "common/tls/tls_stream.h"
 
 #include <limits.h>

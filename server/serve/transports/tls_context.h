@@ -4,7 +4,7 @@
 #ifndef LW_SERVE_TRANSPORTS_TLS_CONTEXT_H
 #define LW_SERVE_TRANSPORTS_TLS_CONTEXT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #define LW_TLS_CONTEXT_FILE_MAX (1u << 20) /* bytes of a certificate with its issuers, or of a key */
 

@@ -1,6 +1,6 @@
 #include "server/serve/transports/ws_transport.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/serve/sessions/session_handlers.h"
 #include "server/serve/transports/tcp_transport.h"
 

@@ -10,7 +10,7 @@
 #ifndef LW_SERVE_WEB_WEB_FILES_H
 #define LW_SERVE_WEB_WEB_FILES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "server/serve/web/content_coding.h"
 
 #include <stddef.h>

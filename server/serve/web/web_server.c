@@ -1,7 +1,7 @@
 #include "server/serve/web/web_server.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "server/serve/transports/tcp_transport.h"
 #include "server/serve/transports/tls_context.h"
 #include "server/serve/transports/ws_transport.h"
