@@ -42,7 +42,7 @@ forbid() {
 }
 
 forbid common '(proto|server|client|relay)/' 'common knows nobody'
-forbid common/base 'common/(builtin|guide|image|light|lightmap|nats|open|scene|shading|tile|tls|trace)/' 'the base knows no other room'
+forbid common/base 'common/(builtin|image|light|lightmap|nats|open|scene|shading|tile|tls|trace)/' 'the base knows no other room'
 forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither lightmaps nor builtin scenes'
 forbid proto '(server|client|relay)/' 'proto knows common alone'
 forbid server '(client|lightwell|relay)/' 'the server does not know the client'

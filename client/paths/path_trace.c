@@ -1,8 +1,8 @@
 #include "client/paths/path_trace.h"
 
+#include "client/paths/guide.h"
 #include "common/base/colour.h"
 #include "common/base/random.h"
-#include "common/guide/guide.h"
 #include "common/light/direct16.h"
 #include "common/light/direction.h"
 

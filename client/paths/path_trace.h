@@ -13,8 +13,8 @@
 #define LW_CLIENT_PATHS_PATH_TRACE_H
 
 #include "client/paths/gbuffer.h"
+#include "client/paths/guide.h"
 #include "client/paths/path_film.h"
-#include "common/guide/guide.h"
 #include "common/light/lights.h"
 #include "common/trace/trace.h"
 

@@ -1,6 +1,6 @@
 #include "client/measure/figures/view_error.h"
 
-#include "common/image/flip.h"
+#include "client/measure/figures/flip.h"
 
 #include <assert.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-#include "common/guide/guide.h"
+#include "client/paths/guide.h"
 
 #include "common/base/wide.h"
 

@@ -1,4 +1,4 @@
-#include "common/image/flip.h"
+#include "client/measure/figures/flip.h"
 
 #include "common/image/image.h"
 

@@ -14,8 +14,8 @@
  * that has taken n notes beta stands for beta n / (n + trust): from a few notes Q is noise, and the weights
  * of many bounces multiply. Notes of a pass are integers, whose sum does not depend on their order. Q
  * stands still until [learn] takes them: bytes do not depend on the number of threads. */
-#ifndef LW_COMMON_GUIDE_H
-#define LW_COMMON_GUIDE_H
+#ifndef LW_CLIENT_PATHS_GUIDE_H
+#define LW_CLIENT_PATHS_GUIDE_H
 
 #include "common/base/status.h"
 #include "common/base/vec.h"

@@ -7,8 +7,8 @@
  * Per pixel the difference of colours (contrast sensitivity, L*a*b*, Hunt effect, HyAB distance) is raised to
  * the power of 1 minus the difference of features (edges and points). The authors recommend the mean where
  * one number is wanted. */
-#ifndef LW_COMMON_FLIP_H
-#define LW_COMMON_FLIP_H
+#ifndef LW_CLIENT_MEASURE_FIGURES_FLIP_H
+#define LW_CLIENT_MEASURE_FIGURES_FLIP_H
 
 #include "common/base/status.h"
 
