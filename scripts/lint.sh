@@ -136,6 +136,8 @@ parts='client/lib/draws client/lib/client
 client/lib/live_tiles client/lib/live
 client/lib/replica client/lib/client
 client/view/compose/compose_private client/view/compose/compose
+client/view/lights/direct_private client/view/lights/direct_pixels
+client/view/lights/direct_private client/view/lights/direct_tile
 common/light/light_kernels common/light/lights
 common/lightmap/lightmap_check common/lightmap/lightmap
 common/lightmap/lightmap_merge common/lightmap/lightmap_chart

@@ -1,6 +1,6 @@
 /* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
  * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance, needed tiles.
- *          direct_pixels adds the direct light of the lights that the client draws.
+ *          direct_tile adds the direct light of the lights that the client draws.
  * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes,
  *          at any number of threads. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_COMPOSE_H
@@ -36,7 +36,7 @@ struct lw_compose_desc {
     const struct lw_trace *trace; /* the same scene's; at the pose of each render */
     unsigned threads;             /* 0: all */
     bool unfiltered;              /* reads noisy tiles, too, at the level that a pixel needs */
-    /* Lights whose direct light is computed at the pixels, since tiles lack it (direct_pixels.h). NULL: none.
+    /* Lights whose direct light is computed at the pixels, since tiles lack it (direct_tile.h). NULL: none.
      * Its arrays must outlive the composer, the struct need not. pose: the scene's, read at creation; only
      * with client-drawn lights. */
     const struct lw_client_lights *drawn;

@@ -16,6 +16,7 @@
 #include "client/camera/place.h"
 #include "client/view/compose/compose.h"
 #include "client/view/lights/direct_pixels.h"
+#include "client/view/lights/direct_tile.h"
 #include "client/view/shading/gloss_maps.h"
 
 /* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes
@@ -75,10 +76,10 @@ struct lw_compose_pixels {
 /* A thread's memory where direct light is worked out: of one screen tile, or as many pixels of a list. */
 struct lw_compose_worker {
     struct lw_direct_tile *tile;
-    struct lw_compose_packet second[LW_DIRECT_PIXELS_BLOCKS]; /* what the packets mirror */
-    struct lw_compose_pixels at[LW_DIRECT_PIXELS_BLOCKS];
-    struct lw_compose_packet packet[LW_DIRECT_PIXELS_BLOCKS];
-    uint16_t going[LW_DIRECT_PIXELS_BLOCKS];
+    struct lw_compose_packet second[LW_DIRECT_TILE_BLOCKS]; /* what the packets mirror */
+    struct lw_compose_pixels at[LW_DIRECT_TILE_BLOCKS];
+    struct lw_compose_packet packet[LW_DIRECT_TILE_BLOCKS];
+    uint16_t going[LW_DIRECT_TILE_BLOCKS];
 };
 
 struct lw_compose {

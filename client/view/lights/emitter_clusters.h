@@ -1,6 +1,6 @@
 /* emitter_clusters.h: small emissive meshes as lamps: the unshadowed light of each at a point, and targets on
  * it for shadow rays.
- * Flow:    lights -> [emitter_clusters] -> direct_pixels
+ * Flow:    lights -> [emitter_clusters] -> direct_pixels, direct_tile
  * Threads: init and set_pose by one thread; the rest [any] in between.
  *
  * A cluster is made of connected triangles of one object and one material, and of such pieces that lie close

@@ -1,6 +1,6 @@
 /* gloss.h: sixteen points of surfaces with a finish as an eye sees them, in the form that clients draw.
  * Flow:    finishes of a packet's hits (gloss_maps) -> [gloss] -> compose (light from everywhere),
- *          direct_pixels (lamps)
+ *          direct_tile (lamps)
  * Threads: pure functions, [any].
  *
  * With a and b of common/shading/lobe_table.h for the eye's cosine, E = a + b:
