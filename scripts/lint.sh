@@ -138,6 +138,7 @@ client/lib/replica client/lib/client
 client/view/compose/compose_private client/view/compose/compose
 client/view/lights/direct_private client/view/lights/direct_pixels
 client/view/lights/direct_private client/view/lights/direct_tile
+client/view/window/window_private client/view/window/window
 common/light/light_kernels common/light/lights
 common/lightmap/lightmap_check common/lightmap/lightmap
 common/lightmap/lightmap_merge common/lightmap/lightmap_chart
