@@ -1,7 +1,7 @@
 #!/bin/bash
 # What compilers do not check: the arrows between folders, circles, unique stems, what documents name, and (--format) the layout
-# of the code. "lint.sh prose" alone counts lines of prose with a pattern that is hard to read, by file and by pattern, and
-# "lint.sh prose --list [FILE...]" prints these lines.
+# of the code. "lint.sh prose" alone counts lines of prose with a pattern that is hard to read, by file and by pattern,
+# "lint.sh prose --list [FILE...]" prints these lines, "lint.sh prose --draw SEED [FILE...]" twenty sentences at random.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -14,7 +14,7 @@ prose_of() {
     while [[ "${1:-}" = --* ]]; do
         options+=("$1")
         shift
-        if [ "${options[-1]}" = --limit ]; then options+=("$1") && shift; fi
+        if [[ "${options[-1]}" = --limit || "${options[-1]}" = --draw ]]; then options+=("$1") && shift; fi
     done
     if [ $# = 0 ]; then mapfile -t files < <(git ls-files '*.c' '*.h' '*.md' | grep -v '^docs/lab/crossover/'); else files=("$@"); fi
     scripts/prose.pl "${options[@]}" docs/architecture.md "${files[@]}"
