@@ -74,7 +74,7 @@ LW_MUST_CHECK enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *me
                                                     const struct lw_server_stats *serve, char **out_text,
                                                     size_t *out_size);
 
-/** The page of a path; false: there is none. */
+/** Page of a path. Returns false if there is none. */
 bool lw_daemon_metrics_page(struct lw_daemon_metrics *metrics, const char *path,
                             const struct lw_daemon_metrics_state *state, const struct lw_server_stats *serve,
                             struct lw_server_page *out_page);

@@ -6,8 +6,8 @@
  *
  * What it draws is the composer's picture (client/view/compose/compose.h), whose rays are the reference, but
  * that BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the
- * order of its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most, those
- * that give most where the eye is. */
+ * order of its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most: the
+ * brightest at the eye. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 
@@ -74,8 +74,7 @@ void lw_gl_renderer_show(struct lw_gl_renderer *renderer, unsigned frame, enum l
 LW_MUST_CHECK enum lw_status lw_gl_renderer_meter(struct lw_gl_renderer *renderer, float *out_stops,
                                                   struct lw_error *err);
 
-/** Finds the tiles that a view needs, from a small picture of it, and what share of it they are; waits for
- * the GPU.
+/** Finds the tiles that a view needs, and their shares of it, from a small picture. Waits for the GPU.
  * out_needed   a byte for each tile, as of lw_compose_needed(): set, never cleared
  * out_shown    for each tile: its share of light, summed over the small picture's pixels, 256 a pixel; added
  *              to

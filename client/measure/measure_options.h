@@ -60,13 +60,13 @@ struct lw_measure_options_raw {
 /** Checks the values.
  * min_width..      the smallest picture, pixels
  * samples_divisor  reference samples are rounded up to a multiple
- * Errors: LW_USAGE where -o is missing, or --size is none; the latter names the smallest and largest. */
+ * Errors: LW_USAGE where -o is missing, or --size is out of range: the error has the range. */
 LW_MUST_CHECK enum lw_status lw_measure_options_finish(const struct lw_measure_options_raw *raw,
                                                        const char *scene, uint32_t width_min,
                                                        uint32_t height_min, uint32_t samples_divisor,
                                                        struct lw_measure_options *out, struct lw_error *err);
 
-/** What a list of numbers, apart by commas, may be. */
+/** Limits of a list of numbers, apart by commas. */
 struct lw_measure_options_list {
     const char *option; /* "--users" */
     double min, max;

@@ -98,7 +98,7 @@ struct lw_measure_expense {
 struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit *unit, uint32_t users,
                                                    uint32_t view);
 double lw_measure_store_total(const struct lw_measure_expense *expense);
-/** What a frame costs, by stage; bytes and rays where they are known. */
+/** Cost of a frame, by stage, with bytes and rays where they are known. */
 struct lw_cost lw_measure_store_cost(const struct lw_measure_expense *expense);
 
 struct lw_measure_late {

@@ -10,8 +10,8 @@
  * Where there is one layer and it is even, paths may start from here instead of the eye (path_trace.h,
  * first_hits).
  *
- * A surface that mirrors or has a normal map has the map's normal, and as its albedo what it reflects towards
- * the eye of light from everywhere, its diffuse and its mirrored share together. */
+ * A surface that mirrors or has a normal map has the map's normal. Its albedo is its reflectance of even
+ * light towards the eye, diffuse and mirrored. */
 #ifndef LW_CLIENT_PATHS_GBUFFER_H
 #define LW_CLIENT_PATHS_GBUFFER_H
 

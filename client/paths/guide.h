@@ -10,7 +10,7 @@
  *
  *     p = (1 - beta) cos / pi + beta p_Q,   p_Q ~ Q cos(normal, middle of the sector), even within a sector
  *
- * so that what paths bring stays unbiased whatever Q is, and no weight exceeds 1 / (1 - beta). In a cell
+ * so that the radiance of paths is unbiased for any Q, and no weight exceeds 1 / (1 - beta). In a cell
  * that has taken n notes beta stands for beta n / (n + trust): from a few notes Q is noise, and the weights
  * of many bounces multiply. Notes of a pass are integers, whose sum does not depend on their order. Q
  * stands still until [learn] takes them: bytes do not depend on the number of threads. */
@@ -79,7 +79,7 @@ float lw_guide_density(const struct lw_guide_aim *aim, struct lw_vec3 normal_ws,
  * known. */
 float lw_guide_reflected(const struct lw_guide_aim *aim);
 
-/** Notes the luminance that a ray has found, W/(m^2 sr). Below 0 or not finite it counts as 0. Any
+/** Notes the luminance that a ray has found, W/(m^2 sr). A luminance below 0, or not finite, counts as 0. Any
  * thread, in any order. place: of the sample that the ray was drawn by. */
 void lw_guide_note(struct lw_guide *guide, uint32_t place, float luminance);
 

@@ -13,7 +13,7 @@
 #include "client/paths/instant_radiosity.h"
 #include "client/paths/path_trace.h"
 
-/* tag, short name, what it does. From LIGHTS on, each traces a shadow ray to each light or group of lights at
+/* tag, short name, description. From LIGHTS on, each traces a shadow ray to each light or group of lights at
  * first hits. Light that a path brings from beyond its first hit is clamped to ten times the picture's
  * mean. */
 #define LW_PATH_RENDERER_MAP(X)                                                                              \

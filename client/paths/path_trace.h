@@ -61,7 +61,7 @@ struct lw_path_trace_desc {
 
 struct lw_path_trace;
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+/** The objects that desc points to must outlive it. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_path_trace_create(const struct lw_path_trace_desc *desc,
                                                   struct lw_path_trace **out_tracer, struct lw_error *err);
 void lw_path_trace_destroy(struct lw_path_trace *tracer);
@@ -99,7 +99,7 @@ struct lw_path_view {
      * traced only for pixels that show several surfaces, or one that is not even (gbuffer.h), and for those
      * that share random numbers with them. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
-    /* Bounce rays but the last follow the guide where no mirror throws them, and report to it what they find.
+    /* Bounce rays follow the guide and report their radiance to it. Mirrored rays and the last bounce do not.
      * A render draws them all by what the guide learned before. Between renders lw_guide_learn() takes the
      * reports: then the samples of later renders depend on where it was called. NULL: cosine-weighted rays
      * alone. */

@@ -1,5 +1,5 @@
-/* reprojection.h: where the points of a picture were in the picture before, and whether what it kept of them
- * serves.
+/* reprojection.h: the pixel of the previous picture that shows a point, and whether its history holds for the
+ * point.
  * Flow:    gbuffers of two frames -> [reprojection] -> svgf, instant_radiosity
  * Threads: values, [any]. */
 #ifndef LW_CLIENT_PATHS_REPROJECTION_H
@@ -7,8 +7,8 @@
 
 #include "client/paths/gbuffer.h"
 
-/* What a pixel kept serves a point so near to it: pixels' breadth off the tangent plane; cosine of
- * normals. */
+/* Limits within which a pixel's history holds for a point: distance off the tangent plane in widths of a
+ * pixel, cosine of normals. */
 #define LW_REPROJECTION_APART_MAX 2.0f
 #define LW_REPROJECTION_COSINE_MIN                                                                           \
     0.5f /* 0.9 forgot what small things looked like: 16 % more error in the atrium */

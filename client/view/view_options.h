@@ -29,13 +29,13 @@ enum lw_view_wait {
 
 enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
-/* How many samples a pixel takes by --path-trace where nobody says. */
+/* Default samples of a pixel by --path-trace. */
 #define LW_VIEW_SPP           64
 #define LW_VIEW_PIXEL_CHOICES "box|centre" /* in the order of enum lw_path_pixel */
 
 #define LW_VIEW_DIRECT_CHOICES "auto|tiles"
 
-/* The renderer: OpenGL in a window where there is one, rays else; or the one that is asked for. */
+/* Renderer. AUTO is OpenGL in a window where the system has it, and rays elsewhere. */
 enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_RENDERER_CPU };
 #define LW_VIEW_RENDERER_CHOICES "auto|gl|cpu" /* in the order of enum lw_view_renderer */
 

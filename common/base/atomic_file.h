@@ -35,7 +35,8 @@ LW_MUST_CHECK enum lw_status lw_atomic_file_open(struct lw_atomic_file *file, co
 LW_MUST_CHECK enum lw_status lw_atomic_file_write(struct lw_atomic_file *file, const void *bytes, size_t size,
                                                   struct lw_error *err);
 
-/** Writes size bytes at an offset; write() goes on where it was. Errors: LW_IO naming the path. */
+/** Writes size bytes at an offset, and leaves the place of the next write() as it is. Errors: LW_IO naming
+ * the path. */
 LW_MUST_CHECK enum lw_status lw_atomic_file_write_at(struct lw_atomic_file *file, const void *bytes,
                                                      size_t size, uint64_t offset_bytes,
                                                      struct lw_error *err);

@@ -5,7 +5,7 @@
 
 #include <stdint.h>
 
-/** First entry above pick, by bisection; the last one where none is.
+/** First entry above pick, by bisection. If no entry is above it, the last entry.
  * cdf   count >= 1 ascending sums
  * pick  in [0, 1) of the last of them, which mostly is 1 */
 static inline uint32_t lw_cdf_choose(const float *cdf, uint32_t count, float pick) {

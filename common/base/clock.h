@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <time.h>
 
-/** What a clock of clock_gettime() says, in nanoseconds. */
+/** Time of a clock of clock_gettime(), in nanoseconds. */
 static inline uint64_t lw_clock_read_ns(clockid_t id) {
     struct timespec t;
     clock_gettime(id, &t);

@@ -13,7 +13,8 @@ const char *lw_folders_temporary(void);
  * Errors: LW_CANNOT_CREATE naming the place; out_path is then "". */
 LW_MUST_CHECK enum lw_status lw_folders_make_temporary(char *out_path, size_t capacity, struct lw_error *err);
 
-/** Removes it and the files in it, as far as that can be done; folders in it stay. path "": none was made. */
+/** Removes a folder and its files, as far as the system allows. Folders in it stay. path "":
+ * there is none. */
 void lw_folders_remove_temporary(const char *path);
 
 /** Makes a folder, or leaves it as it is where it is there.

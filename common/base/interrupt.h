@@ -1,4 +1,4 @@
-/* interrupt.h: Ctrl-C and SIGTERM for programs that finish what they have begun.
+/* interrupt.h: Ctrl-C and SIGTERM for programs that end at a point of their choice.
  * Threads: main() only; watching begins before it starts others. */
 #ifndef LW_COMMON_BASE_INTERRUPT_H
 #define LW_COMMON_BASE_INTERRUPT_H
@@ -20,8 +20,8 @@ struct lw_interrupt_phase {
  * handler can reach nothing but globals. phase: as below, or NULL. */
 void lw_interrupt_watch(void (*handler)(int signal_number), const struct lw_interrupt_phase *phase);
 
-/** Another phase begins; it must stay where it is. An earlier signal has been answered: read the flags of its
- * handler after this call, not before it. */
+/** Begins another phase. Its memory must stay valid. An earlier signal has been answered: read the flags of
+ * its handler after this call, not before it. */
 void lw_interrupt_enter(const struct lw_interrupt_phase *phase);
 
 #endif

@@ -32,7 +32,7 @@ void lw_log_init(const char *program, enum lw_log_level level);
 /** The most verbose level shown from now on. */
 void lw_log_set_level(enum lw_log_level level);
 
-/** What lines look like from now on; LW_LOG_TEXT before. Call once, before other threads start. */
+/** Sets the format of lines. It is LW_LOG_TEXT at first. Call once, before other threads start. */
 void lw_log_set_format(enum lw_log_format format);
 
 /** The chosen format and level, for programs that are started. Never LW_LOG_AUTO. */
@@ -54,7 +54,7 @@ void lw_log(enum lw_log_level level, const char *format, ...) LW_PRINTF(2, 3);
  * handlers. */
 void lw_log_in_handler(const char *text);
 
-/** Logs an error, a lack of memory by that name whatever the text, and returns its exit code: `return
+/** Logs an error and returns its exit code. Lack of memory is logged by that name. `return
  * lw_log_failure(&err);` ends a main(). */
 int lw_log_failure(const struct lw_error *err);
 

@@ -49,7 +49,8 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
 
 /** Sets the option of this name to a text, as on a command line; a flag to true or false (also yes, no, on,
  * off, 1, 0). A string points into `text`.
- * Errors: LW_USAGE: there is none of this name, with the nearest one; or the value is not what it accepts. */
+ * Errors: LW_USAGE for an unknown name, with the nearest one, and for a value that the option does not
+ * accept. */
 LW_MUST_CHECK enum lw_status lw_options_set(const struct lw_options *options, const char *name,
                                             const char *text, struct lw_error *err);
 

@@ -5,7 +5,7 @@
 
 #include <stddef.h>
 
-/** The path of a program that lies beside this one; its bare name, for a search in PATH, if none does. */
+/** Path of a program beside this one. If there is none, its bare name, for a search in PATH. */
 void lw_program_path(const char *name, char *out_path, size_t capacity);
 
 #endif

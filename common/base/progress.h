@@ -17,15 +17,15 @@ struct lw_progress {
     _Atomic uint64_t done;
     uint64_t started_ns;
     _Atomic uint64_t shown_ns; /* when a line was last shown; 0: never */
-    /* What the stage itself thinks is left, in place of what its steps say; infinite: it cannot say.
-     * NAN, as lw_progress_init() makes it: its steps say it. */
+    /* The stage's own estimate of the time that is left, in place of one by its steps; infinite: not known.
+     * NAN, as lw_progress_init() sets it: the estimate is by steps. */
     double left_s;
     /* The name of steps ("tiles") in a stage that predicts its time left: steps are shown where it cannot.
-     * NULL, as lw_progress_init() makes it: they are nothing that says how far it is. */
+     * NULL, as lw_progress_init() sets it: steps are not shown. */
     const char *unit;
     double limit_s; /* the stage ends then, done or not; 0, as lw_progress_init() makes it: never */
-    /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing: nobody waits
-     * for its end. */
+    /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing, as its end is
+     * not awaited. */
     const _Atomic bool *wanted;
     /* Hears of each step which share of waiting_stage is done, whether the stage shows anything or not. NULL,
      * as lw_progress_init() makes it: nobody does. It outlives the stage. */
@@ -42,11 +42,11 @@ void lw_progress_init_waiting(struct lw_progress *p, const char *stage, uint64_t
 void lw_progress_step(struct lw_progress *p, uint64_t steps);
 /** Sets the steps done, which may be fewer than before, and shows them when due. */
 void lw_progress_set(struct lw_progress *p, uint64_t done);
-/** Ends the stage; if it took over a second, shows how long. Call after the last step of every thread. */
+/** Ends the stage. Shows its time if that is over a second. Call after the last step of every thread. */
 void lw_progress_finish(struct lw_progress *p);
-/** Ends a stage whose work is not done; shows how far it came, and how long that took. */
+/** Ends a stage whose work is not done. Shows its progress and its time. */
 void lw_progress_stop(struct lw_progress *p);
-/** Ends it in one of the two ways. */
+/** Calls lw_progress_finish() if done, else lw_progress_stop(). */
 void lw_progress_end(struct lw_progress *p, bool done);
 
 #endif

@@ -1,4 +1,4 @@
-/* slices.h: which of those who wait for a core gets it first.
+/* slices.h: order in which waiting threads get a core.
  * Threads: of the calling thread. */
 #ifndef LW_COMMON_BASE_SLICES_H
 #define LW_COMMON_BASE_SLICES_H

@@ -1,4 +1,4 @@
-/* tls_trust_desc.h: which servers are believed to be who they say, by TLS, as options say it.
+/* tls_trust_desc.h: options of how TLS verifies servers.
  * Flow:    --tls, --ca, --tls-insecure -> [tls_trust_desc] -> tls_trust, nats_link
  * Threads: constants, [any]. */
 #ifndef LW_COMMON_BASE_TLS_TRUST_DESC_H

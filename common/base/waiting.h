@@ -23,7 +23,7 @@ enum lw_waiting_stage {
 };
 #define LW_WAITING_STAGE_COUNT 5u
 
-/** The words of a stage; those of LW_WAITING_UNKNOWN for one of a newer server. */
+/** Text of a stage. A stage of a newer server has the text of LW_WAITING_UNKNOWN. */
 const char *lw_waiting_text(uint32_t stage);
 
 /** The words and the share: "looking inside objects, 42 %". */
@@ -42,7 +42,7 @@ struct lw_waiting {
     uint32_t part, parts; /* lw_waiting_set_part() */
 };
 
-/** Says that `done` of `total` steps of a stage are done; total 0: nobody knows how many there are. Less
+/** Sets the progress of a stage to `done` of `total` steps; total 0: the number of steps is not known. Less
  * progress than before changes nothing. waiting may be NULL. [any] */
 void lw_waiting_raise(struct lw_waiting *waiting, enum lw_waiting_stage stage, uint64_t done, uint64_t total);
 

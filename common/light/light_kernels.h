@@ -107,15 +107,15 @@ LW_WIDE_INLINE struct lw_vec2 lw_light_by_area(float u, float v) {
     return (struct lw_vec2){v * root, root * (1 - v)};
 }
 
-/* Whether a point is so near to an emitter that it may be sampled by the solid angle that it fills. */
+/* Whether a point is near enough to an emitter to sample the emitter by solid angle. */
 LW_WIDE_INLINE bool lw_light_is_near(const struct lw_emitter *e, struct lw_vec3 point) {
     const struct lw_vec3 middle = lw_light_to_emitter(e, point, (struct lw_vec2){1.0f / 3, 1.0f / 3});
     return lw_vec3_dot(middle, middle) <= e->near_m2;
 }
 
-/* Density per solid angle of a direction to an emitter at a distance. inverse_sr: of the solid angle over
- * which it was chosen evenly; 0: it was evenly over the emitter's area: d^2 / (A cos'). 0 where the emitter
- * shows a side that does not shine. */
+/* Density per solid angle of a direction to an emitter at a distance. inverse_sr: 1 / solid angle of uniform
+ * sampling; 0: the sample is uniform over the emitter's area, d^2 / (A cos'). 0 where the emitter shows a
+ * side that does not shine. */
 LW_WIDE_INLINE float lw_light_emitter_pdf(const struct lw_emitter *e, float inverse_sr,
                                           struct lw_vec3 direction, float distance_m) {
     const float facing = -lw_vec3_dot(direction, e->normal), back = e->both_sides ? -1.0f : 1.0f;

@@ -55,7 +55,7 @@ struct lw_light_region {
 uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t group,
                              const struct lw_light_region *region, uint32_t most, uint32_t *out_group);
 
-/** What all lights together may give to a point, roughly, W/m^2; 0: nothing. */
+/** Estimate of the irradiance of all lights together at a point, W/m^2; 0: none reaches it. */
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws);
 

@@ -27,7 +27,7 @@ struct lw_emitter {
     uint32_t object, triangle;
 };
 
-/** Which lights take part; the others count as dark. Zeroed: all. */
+/** The lights that take part. All others are dark. Zeroed: all. */
 struct lw_lights_part {
     const uint8_t *light, *material; /* an entry for each of the scene's; they outlive the lights */
     uint8_t value;                   /* lights and materials with this entry take part */

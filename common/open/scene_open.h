@@ -68,7 +68,7 @@ struct lw_scene_open {
  * like a file of a scene, or begins with "builtin:". */
 bool lw_scene_open_is_scene(const char *text);
 
-/** Opens a scene; overrides become part of it, and so of the package that clients get.
+/** Opens a scene. Overrides become part of the scene, and of the package that clients get.
  * Errors: as lw_import_spawn(); LW_BAD_DATA where nothing shines. */
 LW_MUST_CHECK enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene **out_scene,
                                            struct lw_error *err);

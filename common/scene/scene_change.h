@@ -60,7 +60,7 @@ struct lw_scene_change {
     float value[LW_SCENE_CHANGE_VALUES_MAX];
 };
 
-/* code, its number on the wire (for ever), what it means */
+/* code, its number on the wire, which never changes, and its meaning */
 #define LW_SCENE_CHANGE_CODE_MAP(X)                                                                          \
     X(OK, 0, "done")                                                                                         \
     X(BUSY, 1, "too many updates wait for a frame")                                                          \

@@ -1,4 +1,4 @@
-/* shading_bend.h: a bumped normal, bent so that what it mirrors to the eye comes from above the surface.
+/* shading_bend.h: a bumped normal, bent so that it mirrors light from above the surface to the eye.
  * Threads: pure functions, [any].
  *
  * A normal map may turn a normal away from the eye, or so far that the mirrored direction lies below the
@@ -9,7 +9,7 @@
  *     n stays where n.v > 0 and r.ng >= t; else r is lifted along ng until r.ng = t, and
  *     n = (v + r) / |v + r|
  *
- * so that n.v > 0 always. All who shade with normal maps bend so. What light shines from below ng gives
+ * so that n.v > 0 always. All shaders of normal maps use it. What light shines from below ng gives
  * nothing. */
 #ifndef LW_COMMON_SHADING_BEND_H
 #define LW_COMMON_SHADING_BEND_H

@@ -73,7 +73,7 @@ struct lw_hit16 {
     uint8_t back[16];      /* 1: met from behind (by winding, mirroring accounted for) */
 };
 
-/** What one ray meets one after the other (lw_trace_through16()). */
+/** Surfaces that one ray meets, in their order (lw_trace_through16()). */
 #define LW_TRACE_THROUGH_MAX 12u
 struct lw_trace_through {
     uint32_t count;
@@ -140,7 +140,7 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
                              const struct lw_ray16 *rays);
 
 /** The same for light on its way: out_tint[c][i] is the factor of channel c for ray i, by the tints of the
- * BLEND surfaces that let it pass, 1 where there is none. What they stop is not in it. */
+ * BLEND surfaces that let it pass, 1 where there is none. It leaves out the light that they stop. */
 uint16_t lw_trace_tinted16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                            const struct lw_ray16 *rays, float out_tint[3][16]);
 

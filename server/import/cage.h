@@ -1,5 +1,5 @@
-/* cage.h: takes from the process of the importer what reading a scene does not need, before it reads a byte
- * of one: a file that takes a decoder over gets little with it.
+/* cage.h: takes the rights from the importer's process that reading a scene does not need, before it reads a
+ * byte. So a file that takes over a decoder gains little.
  * Flow:    arguments -> [cage] -> scene, read and written inside
  * Threads: main() only, before it starts others: they inherit the cage.
  *

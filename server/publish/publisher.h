@@ -81,7 +81,7 @@ float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver 
                          uint32_t *out_bounces);
 
 /** Publishes a solved frame. rays_total: traced since the start. *out_snapshot: a new reference.
- * Errors: LW_NO_MEMORY; then the next frame's snapshot has what this one's would have had. */
+ * Errors: LW_NO_MEMORY; then the next frame's snapshot has the changes of both frames. */
 LW_MUST_CHECK enum lw_status lw_publisher_publish(struct lw_publisher *publisher, const struct lw_pose *pose,
                                                   uint64_t frame, uint64_t solve_ns, uint64_t rays_total,
                                                   uint64_t tiles_solved, struct lw_snapshot **out_snapshot,

@@ -113,7 +113,7 @@ struct lw_serve_options {
 /** What one option alone does not tell: addresses, and whether others reach them. Errors: LW_USAGE,
  * LW_NO_INPUT. */
 LW_MUST_CHECK enum lw_status lw_serve_options_check(struct lw_serve_options *options, struct lw_error *err);
-/** Sets what they say in a server's descriptor; they outlive it. */
+/** Sets a server's descriptor by the options, which outlive it. */
 void lw_serve_options_fill(struct lw_serve_options *options, struct lw_server_desc *desc);
 /** Writes the port files, --port-file last: who sees it finds the others written. Errors: as
  * lw_atomic_file_save(); then none is left. */

@@ -89,7 +89,7 @@ void latency_light_watch(const struct latency_light *l, const char *options, str
 void latency_light_poll(struct lw_client *client, unsigned ms, struct lw_client_stats *out_stats);
 void latency_light_read(const struct latency_light *l, const struct lw_client *client, float *out);
 
-/** Has both states' light, from the folder for it or else by servers that know nothing else. */
+/** Gets the light of both states from the folder, or else from two servers that solve it. */
 void latency_light_solve(struct latency_light *l, const struct latency_state *before,
                          const struct latency_state *after, struct latency_pair *out_pair);
 void latency_pair_finish(struct latency_pair *pair);

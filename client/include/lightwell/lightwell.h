@@ -57,7 +57,7 @@ extern "C" {
 /** What became of a call. */
 enum lw_live_status {
     LW_LIVE_OK = 0,
-    LW_LIVE_USAGE = 1,       /**< The call is wrong in itself. */
+    LW_LIVE_USAGE = 1,       /**< The call is not allowed, or its arguments are wrong. */
     LW_LIVE_BAD_DATA = 2,    /**< The server's scene makes no sense. */
     LW_LIVE_NO_HOST = 3,     /**< The host's name is unknown. */
     LW_LIVE_UNAVAILABLE = 4, /**< Nobody serves there, or the server refuses. */
@@ -69,7 +69,7 @@ enum lw_live_status {
     LW_LIVE_CLOSED = 10,     /**< The session is over. */
     LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
     LW_LIVE_NOT_ALLOWED =
-        12, /**< The server takes no such token, or wants one; or by TLS it is not believed. */
+        12, /**< The server refuses the token, or wants one; or TLS could not verify the server. */
     /** The server lights another scene now. The scene before is forgotten: its indices and pointers, and
      * your interest in it. The new scene comes with the next calls of lw_live_poll(), or of
      * lw_live_reconnect(). */
@@ -98,7 +98,7 @@ struct lw_live;
 #define LW_LIVE_CONTROL       8u   /**< You may call lw_live_change(). */
 #define LW_LIVE_AS_IT_IS      16u  /**< lw_live_read() gives texels as they came: see there. */
 #define LW_LIVE_TLS           32u  /**< By TLS 1.3; the server's certificate must be for `host`. */
-#define LW_LIVE_TLS_INSECURE  64u  /**< By TLS with anybody who answers. For tests. */
+#define LW_LIVE_TLS_INSECURE  64u  /**< By TLS, without a check of the server's identity. For tests. */
 #define LW_LIVE_MATERIALS     128u /**< You want finishes of materials: enum lw_live_finishes. */
 #define LW_LIVE_DIRECTIONS    256u /**< You want to know where light comes from: LW_LIVE_DIRECTION. */
 
@@ -156,11 +156,11 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *
  * from client to client. [any] */
 LW_LIVE_API uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed);
 
-/** What an event loop of your own may watch for reading, before lw_live_poll(live, 0,
- * ...); -1 with LW_LIVE_THREAD. */
+/** File descriptor that an event loop of your own may watch for reading, before lw_live_poll(live, 0, ...);
+ * -1 with LW_LIVE_THREAD. */
 LW_LIVE_API int lw_live_descriptor(const struct lw_live *live);
 
-/** Finishes of materials: how smooth they are, what they mirror, their relief. They come after the first
+/** Finishes of materials: roughness, mirrored light, relief. They come after the first
  * light, once a scene. */
 enum lw_live_finishes {
     LW_LIVE_FINISHES_NONE = 0,   /**< None will come: without LW_LIVE_MATERIALS, or all is matt. */
@@ -192,7 +192,7 @@ struct lw_live_stats {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_stats(const struct lw_live *live, struct lw_live_stats *out_stats, struct lw_live_error *err);
 
-/** What a server does before its first light: why there is none yet. */
+/** Stage of a server before its first light. */
 enum lw_live_waiting {
     LW_LIVE_WAITING_UNKNOWN = 0,        /**< It has not said: an older server, or nothing has come yet. */
     LW_LIVE_WAITING_PLACING_TEXELS = 1, /**< It places texels on surfaces. */
@@ -331,7 +331,7 @@ struct lw_live_material {
     const char *name;                               /**< Its name. */
     float base_colour[4];                           /**< Albedo and alpha, as of the newest frame. */
     float emission[3];                              /**< W/(m^2 sr), as of the newest frame. */
-    float first_emission[3];                        /**< The same as the scene began. */
+    float first_emission[3];                        /**< Emission at the start of the scene. */
     struct lw_live_texture_use base_colour_texture; /**< A factor. */
     struct lw_live_texture_use emission_texture;    /**< A factor. */
     enum lw_live_alpha alpha;                       /**< What alpha means. */
@@ -363,7 +363,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_material(const struct 
                                                                    struct lw_live_material *out_material,
                                                                    struct lw_live_error *err);
 
-/** How a texture goes on beyond its edges. */
+/** Texture beyond its edges. */
 enum lw_live_wrap {
     LW_LIVE_WRAP_REPEAT = 0, /**< Again. */
     LW_LIVE_WRAP_CLAMP = 1,  /**< With its last texel. */
@@ -431,7 +431,7 @@ struct lw_live_camera {
     float up_ws[3];       /**< Unit. */
     float forward_ws[3];  /**< Unit. */
     float fov_y;          /**< Radians. */
-    float height_m;       /**< Orthographic: of what it sees, and fov_y means nothing; 0: perspective. */
+    float height_m;       /**< Height that an orthographic camera sees, which has no fov_y; 0: perspective. */
 };
 /** A camera. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_camera(const struct lw_live *live, uint32_t camera,
@@ -482,9 +482,9 @@ enum lw_live_quantity {
     LW_LIVE_IRRADIANCE = 0,         /**< E, W/m^2: radiance is albedo / pi x E. */
     LW_LIVE_IRRADIANCE_OVER_PI = 1, /**< E / pi: radiance is albedo times it. */
     /** Where the light of E comes from, with LW_LIVE_DIRECTIONS: r, x, y and z, world space, 1 long at most.
-     * docs/baking.md, "Directions", makes E of a bumped normal of it. 0: not known, E is all there is. So it
-     * is until it arrives, and where the server has none: of objects that look the same without, or of all.
-     * Not in LW_LIVE_RGB9E5, which has no sign. scale is not used. */
+     * docs/baking.md, "Directions", makes E of a bumped normal of it. 0: not known. It
+     * stays so until the direction arrives. The server has none of objects that look the same without, or of
+     * any object. Not in LW_LIVE_RGB9E5, which has no sign. scale is not used. */
     LW_LIVE_DIRECTION = 2
 };
 /** Where lw_live_read() writes, and how. */
@@ -537,7 +537,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_cast(const struct lw_live 
                                                            struct lw_live_hit *out_hit,
                                                            struct lw_live_error *err);
 
-/* ---- interest: the server lights and sends what its clients want, and what that takes ---- */
+/* ---- interest: the server lights and sends the tiles that its clients want, and their contributors ---- */
 
 /** One view that you draw. */
 struct lw_live_view {
@@ -588,8 +588,8 @@ struct lw_live_finer {
     uint64_t page_count;    /**< Tiles of finer levels of all objects: the size of a page table. */
 };
 /** Tells of finer levels. level_count is 0 before the scene is there, with finer_slots 0, and where the
- * server lights no finer levels: an older one, one with --detail 0, a relay. All else works as without
- * them. It may change when stats.session grows. For every frame.
+ * server lights no finer levels: an older one, one with --detail 0, a relay. All other calls work as without
+ * finer levels. It may change when stats.session grows. For every frame.
  * Errors: LW_LIVE_USAGE. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_finer(const struct lw_live *live, struct lw_live_finer *out_finer, struct lw_live_error *err);
@@ -614,9 +614,8 @@ struct lw_live_slot {
     uint32_t has_texels; /**< 1: lw_live_read() `rect` into the slot now. 0: its texels stay. */
     uint64_t page;       /**< The page of the tile: lw_live_get_pages(). */
     /** The tile, at (x, y), of at most LW_LIVE_TILE_SIDE texels a side, with the column to its right and
-     * the row below it, which the tiles beside it begin with. At the right and the lower edge of the level
-     * there is none. So a bilinear look-up reads one slot: that of the tile which holds its upper left
-     * texel. */
+     * the row below it, which the tiles beside it begin with. The right and the lower edge of the level have
+     * no border. So a bilinear look-up reads one slot: that of the tile which holds its upper left texel. */
     struct lw_live_rect rect;
     /** 0..1: the share of the tile over coarser light. 0 without has_texels: the tile is gone, and the slot
      * free. */
@@ -625,7 +624,7 @@ struct lw_live_slot {
 /** Takes the changes of slots since the last call, in this order. A tile that is wanted and has arrived
  * gets a slot, and keeps it until the tile goes. A tile goes when the server drops it, when it is too
  * noisy, or when it is no longer wanted. Its share falls to 0 while the slot keeps its texels. Shares move
- * by 1 in a quarter of a second. Changes that are left stay for the next call. For every frame, before you
+ * by 1 in a quarter of a second. The next call has the remaining changes. For every frame, before you
  * draw.
  *
  * now_ns      of a clock of yours, growing, above 0; 0: tiles come and go at once

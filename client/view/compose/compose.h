@@ -1,4 +1,5 @@
-/* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
+/* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission of the surface that it
+ * meets.
  * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance, needed tiles.
  *          direct_tile adds the direct light of the lights that the client draws.
  * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes,

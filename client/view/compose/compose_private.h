@@ -44,7 +44,7 @@ struct lw_compose_mirrored {
     struct lw_vec3 origin[LW_TRACE_WIDTH], direction[LW_TRACE_WIDTH];
     struct lw_vec3 tint[LW_TRACE_WIDTH]; /* share of the ray's radiance that the eye sees */
     float width_m[LW_TRACE_WIDTH];       /* width of the lobe where the ray begins */
-    float slope[LW_TRACE_WIDTH];         /* and how much more there is of it a metre */
+    float slope[LW_TRACE_WIDTH];         /* growth of the width a metre */
 };
 
 /* Sixteen pixels on their way through the layers in front of them. */
@@ -60,7 +60,7 @@ struct lw_compose_packet {
     const struct lw_camera_plane *plane;
     bool listed; /* its pixels are from anywhere */
     struct lw_compose_mirrored mirrored;
-    bool is_mirrored; /* its rays are those that another one mirrors; width_m and slope are its own */
+    bool is_mirrored; /* its rays are mirrored by another packet, and mirrored.width_m and slope are theirs */
     /* the layer that reflects most of the tiles' light to the eye: its luminance there, and its tile */
     float reflected[LW_TRACE_WIDTH];
     uint32_t tile[LW_TRACE_WIDTH];
@@ -143,7 +143,7 @@ static inline bool lw_compose_shades_finish(const struct lw_compose *compose,
            (lw_compose_is_finished(material) || lw_show_is_of_finish(compose->show));
 }
 
-/* What a ray stands for where it meets a surface: a pixel, or the lobe of a mirror. */
+/* Width of a ray where it meets a surface: that of a pixel, or of a mirror's lobe. */
 static inline float lw_compose_packet_width(const struct lw_compose_packet *p, unsigned i, float t) {
     return p->is_mirrored ? p->mirrored.width_m[i] + p->mirrored.slope[i] * t
                           : lw_camera_pixel_at(p->plane, t);

@@ -31,7 +31,7 @@
 /* A cluster is a group of emissive triangles. */
 enum lw_direct_kind { LW_DIRECT_SUN, LW_DIRECT_NEAR, LW_DIRECT_CLUSTER };
 
-/* All lights, structure of arrays, for the choice of those that count. */
+/* All lights, structure of arrays, for direct_choice.c. */
 struct lw_direct_candidates {
     uint32_t count;
     float *x, *y, *z; /* m */

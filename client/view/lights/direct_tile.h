@@ -25,7 +25,7 @@
 
 #define LW_DIRECT_TILE_SIDE   8u /* blocks of 4 x 4 pixels along a screen tile's side */
 #define LW_DIRECT_TILE_BLOCKS (LW_DIRECT_TILE_SIDE * LW_DIRECT_TILE_SIDE)
-/* Lights of a tile that are treated one by one; of the lights beyond, each block takes a random one. */
+/* Lights of a tile that are added one by one. Each block takes a random one of the others. */
 #define LW_DIRECT_TILE_LIGHTS_MAX 128u
 
 struct lw_direct_pixels;

@@ -28,8 +28,8 @@ void lw_direct_unshadowed_add_mirrored(const float *restrict e, const float *res
                                        const float *restrict rim, struct lw_vec3 colour,
                                        struct lw_direct_block *restrict block);
 
-/** Weight of a light at each pixel, over its e: the radiance that the pixel sends out of it, over that which
- * it sends out of even light. A pixel without a finish has 1. */
+/** Weight of a light at each pixel, over its e: radiance that the pixel reflects of the light, over radiance
+ * that it reflects of even light. A pixel without a finish has 1. */
 void lw_direct_unshadowed_weigh_mirrored(const struct lw_direct_block *restrict block,
                                          const float *restrict dv, const float *restrict rim,
                                          float *restrict out);

@@ -48,10 +48,10 @@ struct lw_gloss16 {
     uint16_t quads;                  /* lanes that are pixels of a quad of 4 x 4 pixels, all of one surface */
 };
 
-/** What the eye sees of them, whatever the light. Finite for finite input, even a hostile one. */
+/** Their shares of reflection towards the eye, for any light. Finite for finite input, even a hostile one. */
 struct lw_gloss_seen16 {
     _Alignas(
-        64) float normal[3][LW_GLOSS_WIDTH]; /* with its bump: the eye and what it mirrors lie above it */
+        64) float normal[3][LW_GLOSS_WIDTH]; /* bumped: the eye and the mirrored direction lie above it */
     float eye[3][LW_GLOSS_WIDTH];            /* unit */
     float cosine[LW_GLOSS_WIDTH], alpha[LW_GLOSS_WIDTH];
     float spread[LW_GLOSS_WIDTH]; /* the normals' within the pixel, alpha^2; widens the lobes of lamps */

@@ -34,8 +34,8 @@ struct lw_gloss_uv16 {
     _Alignas(64) float u[2][LW_GLOSS_WIDTH], v[2][LW_GLOSS_WIDTH];
 };
 
-/** Zeroes *out but for what stands for no map, and sets plain, tangent and *uv by the means at the hits;
- * plain: times side, unit. */
+/** Sets *out to a surface without maps, and plain, tangent and *uv to the means at the hits. plain: times
+ * side, unit. */
 void lw_gloss_maps_begin(const struct lw_gloss_corner mean[LW_GLOSS_WIDTH], const float side[LW_GLOSS_WIDTH],
                          struct lw_gloss16 *out, struct lw_gloss_uv16 *uv);
 

@@ -1,5 +1,5 @@
 /* obj_materials.h: the materials that an OBJ uses, from the libraries that it names. All libraries are read
- * before a material is looked for: where mtllib stands in the file does not count.
+ * before any material is searched, so mtllib may stand anywhere in the file.
  * Flow:    names of obj_text -> [obj_materials] -> foreign_look
  * Threads: a set belongs to one import. */
 #ifndef LW_IMPORT_TEXT_OBJ_MATERIALS_H

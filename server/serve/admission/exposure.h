@@ -15,7 +15,7 @@ struct lw_exposure {
  * so: to listen on it will fail. */
 bool lw_exposure_is_loopback(const char *host);
 
-/** Refuses an address of other machines without TLS and tokens; warns instead where --insecure was said.
+/** Refuses an address of other machines without TLS and tokens. With --insecure it warns instead.
  * option  that names it, such as "--listen"
  * Errors: LW_USAGE. */
 LW_MUST_CHECK enum lw_status lw_exposure_check(const struct lw_exposure *exposure, const char *option,

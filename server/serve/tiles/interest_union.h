@@ -27,7 +27,7 @@ void lw_interest_union_remove_everything(struct lw_interest_union *wanted);
 void lw_interest_union_add(struct lw_interest_union *wanted, const uint32_t *tile, size_t count);
 void lw_interest_union_remove(struct lw_interest_union *wanted, const uint32_t *tile, size_t count);
 
-/** Lists what the solver is to look after, unless somebody wants everything.
+/** Lists the tiles for the solver, unless a session wants all tiles.
  *
  * out_levels  per lw_tile_id: 1 + the finest level from which somebody looks at what the tile covers, for
  *             tiles of level 0; else 0. A wanted tile of level k covers 2^k x 2^k of them. */

@@ -48,11 +48,10 @@ void lw_priority_finish(struct lw_priority *priority);
  * before; 0: not known, taken for 1. */
 void lw_priority_note(struct lw_priority *priority, uint32_t tile, uint64_t version, float change);
 
-/** What there was of a tile is over: its id may be another tile's next. */
+/** Ends the history of a tile, whose id may be given to another. */
 void lw_priority_forget(struct lw_priority *priority, uint32_t tile);
 
-/** How much it would help a session to be sent a tile, of which it has version `has`
- * (0: none), in its newest version.
+/** Priority of a tile's newest version for a session that has version `has` of it (0: none).
  * frame: the newest. An object's coarsest level counts more than all else, if it has none of it. */
 float lw_priority_of(const struct lw_priority *priority, uint32_t tile, uint64_t has, uint64_t frame);
 

@@ -69,7 +69,7 @@ struct lw_blob *lw_transcoder_encode_delta(struct lw_tile_codec *codec, const st
 /** Takes references of its own. False if there are LW_TRANSCODER_JOBS_MAX. */
 bool lw_transcoder_ask(struct lw_transcoder *transcoder, const struct lw_transcoder_job *job);
 
-/** The next one that is done, in the order of asking; false: none is. */
+/** Takes the next finished tile, in the order of requests. Returns false if none is finished. */
 bool lw_transcoder_collect(struct lw_transcoder *transcoder, struct lw_transcoder_result *out_result);
 
 #endif

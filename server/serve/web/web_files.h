@@ -40,8 +40,8 @@ LW_MUST_CHECK enum lw_status lw_web_files_read(const char *folder, struct lw_web
                                                struct lw_error *err);
 void lw_web_files_finish(struct lw_web_files *files);
 
-/** The file at a URL's path, which is decoded; at a folder's, that ends with a slash, its
- * index.html. NULL: there is none. */
+/** File of a URL's decoded path. A path that ends with a slash is a folder's: its index.html. NULL if there
+ * is none. */
 const struct lw_web_file *lw_web_files_find(const struct lw_web_files *files, const char *path);
 
 /** Which codings a file has besides identity: bit 1 << coding. */

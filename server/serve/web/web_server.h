@@ -36,7 +36,7 @@ struct lw_web_server_desc {
 
 struct lw_web_server;
 
-/** Reads the client's files; where there are none a page says what to do.
+/** Reads the client's files. Without them a page says what to do.
  * Errors: as lw_web_files_read(); LW_OS: libwebsockets does not start. */
 LW_MUST_CHECK enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc,
                                                   struct lw_web_server **out_server, struct lw_error *err);
