@@ -342,7 +342,7 @@ static enum lw_status run_frame(struct lw_daemon *d, uint64_t frame, bool *out_r
 
 /* ---- whether the solver makes progress ---- */
 
-/* What begins now is done within the limit, or the solver hangs. */
+/* A stage that begins now ends within the limit, or the solver hangs. */
 void lw_daemon_frames_expect(struct lw_daemon *d) {
     const double limit_s = d->settings.stall_s * (d->lit ? 1 : STALL_FIRST);
     d->solver_due_ns = lw_clock_ns() + (uint64_t)(limit_s * 1e9);

@@ -12,7 +12,7 @@
 #define FINE_SHARE 32
 #define FINE_MAX   (768ull << 20)
 
-/* What such a tile takes, with its share of the publisher's; and of each layer of light. */
+/* Memory of such a tile, with its share of the publisher's, and of each layer of light. */
 #define FINE_TILE_BYTES  (128ull << 10)
 #define FINE_LAYER_BYTES (1ull << 20)
 #define FINE_TILES_MAX   4096u /* a session remembers what it has of each */
@@ -29,7 +29,7 @@ static uint32_t count_fine(uint64_t bytes, uint64_t tile_bytes) {
     return count < FINE_TILES_MAX ? (uint32_t)count : FINE_TILES_MAX;
 }
 
-/* What a scene takes. */
+/* Memory of a scene. */
 struct need {
     double texels_m;    /* millions */
     uint64_t whole;     /* bytes of the light of all texels */

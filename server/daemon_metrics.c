@@ -140,7 +140,7 @@ static void write_serve(struct lw_exposition *e, const struct lw_daemon_metrics_
     lw_serve_metrics_sessions(e, serve);
 }
 
-/* What a user would cost without this server, beside what one costs with it. */
+/* Cost of a user without this server, beside the cost with it. */
 static void write_renderers(struct lw_exposition *e, const struct lw_cost_report *report) {
     if (!report->count) return;
     lw_exposition_metric(

@@ -41,7 +41,7 @@ struct lw_daemon_metrics {
     double started_s;                   /* since the Unix epoch */
 };
 
-/** What one frame was. */
+/** Figures of one frame. */
 struct lw_daemon_metrics_frame {
     uint64_t number, wall_ns, solve_cpu_ns, publish_cpu_ns;
     size_t changes;
@@ -49,7 +49,7 @@ struct lw_daemon_metrics_frame {
     const struct lw_publisher_stats *publish;
 };
 
-/** What pages say beside sums. */
+/** Figures of pages beside sums. */
 struct lw_daemon_metrics_state {
     bool is_lit;      /* there is light to send */
     bool is_stalled;  /* the solver makes no progress */

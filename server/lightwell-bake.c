@@ -99,7 +99,7 @@ static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, a
 
 /* ---- options ---- */
 
-/* What decides a solver's samples. */
+/* Options that decide a solver's samples. */
 static struct lw_solver_desc solver_desc(const struct settings *s) {
     return (struct lw_solver_desc){.bounces = (uint32_t)s->bounces,
                                    LW_PROBE_OPTIONS_DESC(&s->probes),
@@ -351,8 +351,8 @@ static int print_hash(char *text, size_t size, int length, uint8_t *bytes, size_
     return length;
 }
 
-/* What decides a sample's value. What only says when to stop is left out: a bake that was stopped may aim
- * higher. */
+/* Options that decide a sample's value. Options that decide when to stop are left out: a bake that continues
+ * may have another target. */
 static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
     uint8_t *package;

@@ -121,7 +121,7 @@ static void tell_client_lights(const struct lw_daemon *d) {
     lw_log(LW_LOG_INFO, "clients draw the direct light of %s, if they can", text);
 }
 
-/* What to set, if that was too little memory. */
+/* Advice, after too little memory. */
 static void explain_memory(const struct lw_daemon *d, struct lw_error *err) {
     uint64_t texels = 0, triangles = 0;
     struct rusage usage;

@@ -46,7 +46,7 @@ struct lw_gl_fine_tiles {
     uint64_t uploaded; /* tiles, so far */
 };
 
-/** What lw_gl_fine_tiles_take() goes by. */
+/** Input of lw_gl_fine_tiles_take(). */
 struct lw_gl_fine_tiles_take {
     const struct lw_compose_source *source;
     bool unfiltered;    /* as of lw_compose_desc */

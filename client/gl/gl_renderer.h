@@ -4,7 +4,7 @@
  *          needs
  * Threads: that of the context, which must be current in each call.
  *
- * What it draws is the composer's picture (client/view/compose/compose.h), whose rays are the reference, but
+ * It draws the composer's picture (client/view/compose/compose.h), whose rays are the reference, but
  * that BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the
  * order of its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most: the
  * brightest at the eye. */
@@ -31,7 +31,7 @@ struct lw_gl_renderer_desc {
     const struct lw_pose *pose;
 };
 
-/** What desc points to must outlive it. A context of OpenGL 3.3 core or later must be current.
+/** The objects that desc points to must outlive it. A context of OpenGL 3.3 core or later must be current.
  * Errors: LW_NO_MEMORY, of the GPU too; LW_UNAVAILABLE for what the GPU or its driver does not take. */
 LW_MUST_CHECK enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
                                                    struct lw_gl_renderer **out_renderer,
@@ -91,7 +91,7 @@ bool lw_gl_renderer_is_software(void);
 /** Name of what draws, as the driver gives it. */
 const char *lw_gl_renderer_name(const struct lw_gl_renderer *renderer);
 
-/** What the last picture took. */
+/** Costs of the last picture. */
 struct lw_gl_renderer_figures {
     uint32_t draw_calls, objects; /* in the last picture */
     uint32_t fine_tiles;          /* tiles of finer levels that pictures may read now */

@@ -43,7 +43,7 @@ static uint64_t fault_count(const struct lw_load_report *r) {
     return sum;
 }
 
-/* What 99 % of the users get at least. */
+/* Rate that 99 % of the users reach. */
 static double frames_hz_of_most(const struct lw_load_report *r) {
     return 1e-3 * (double)lw_histogram_quantile(&r->figures.rate_mhz, 0.01);
 }

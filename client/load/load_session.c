@@ -404,7 +404,7 @@ static void send_held(struct lw_load_session *s) {
     }
 }
 
-/* What it has from before the connection broke: of the same run it need not come again. */
+/* Tiles that it has from before the connection broke. The same run need not send them again. */
 static void take_up(struct lw_load_session *s, const struct lw_message_welcome *welcome) {
     const uint32_t tiles = s->shared->scene->map.tile_count;
     s->shared->figures->returned++;

@@ -35,7 +35,7 @@ struct lw_load_return {
     uint64_t *known;   /* ...these versions, one per tile */
 };
 
-/** What all sessions share. Zero-initialised, then filled in by the owner. */
+/** State that all sessions share. Zero-initialised, then filled in by the owner. */
 struct lw_load_shared {
     uv_loop_t *loop;
     const struct lw_load_options *options;

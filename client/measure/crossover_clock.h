@@ -26,7 +26,7 @@ struct lw_crossover_clock {
  * Errors: those of the server and the renderers; LW_CLOSED if cancelled; the store's. */
 LW_MUST_CHECK enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct lw_error *err);
 
-/** What a row has noted of a renderer at a setting; false: nothing. */
+/** Reads the figures that a row has of a renderer at a setting. Returns false if it has none. */
 bool lw_crossover_clock_read(const struct lw_measure_store *store, const char *renderer, const char *setting,
                              struct lw_crossover_clock *out);
 

@@ -63,8 +63,8 @@ static bool tests_motion(const struct report *r, double error) {
 
 static bool is_static(const struct report *r) { return strcmp(get(r, "motion", ""), "static") == 0; }
 
-/* What the users cost together is measured over the frames after a step, what one costs alone when the step
- * is over: no ratio is made of the two. */
+/* The cost of all users is measured over the frames after a step, and the cost of one user after the step. So
+ * the report has no ratio of the two. */
 static bool has_ratios(const struct report *r) { return strcmp(get(r, "motion", ""), "lamp-switch") != 0; }
 
 static void print_ratio(const struct report *r, FILE *f, const struct lw_bootstrap_interval *ratio) {
@@ -100,7 +100,7 @@ static void say_not_reached(FILE *f, const struct report *r, const struct lw_cro
     fprintf(f, " times its)");
 }
 
-/* What the cache takes to be as good as an opponent. */
+/* Cost of the cache at an opponent's error. */
 static void say_against(FILE *f, const struct report *r, const struct lw_crossover_point *opponent,
                         enum lw_measure_coin coin) {
     const struct lw_crossover_point *cache =

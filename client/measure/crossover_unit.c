@@ -216,7 +216,7 @@ static struct lw_measure_expense *enter(struct lw_crossover_job *j, const struct
     return e;
 }
 
-/* What the line that ends the unit has more. */
+/* Further fields of the line that ends a unit. */
 static void conclude(struct lw_crossover_job *j, struct lw_measure_expense *all) {
     all->samples = j->sample_count;
     const struct lw_view_error lag = lw_view_error_of(&j->lag);

@@ -165,7 +165,7 @@ static enum lw_status set_sides(struct lw_scaling *x, struct lw_error *err) {
 
 /* ---- by the wall clock ---- */
 
-/* What the chosen path tracer's picture of the same view and moment is off. */
+/* Error of the chosen path tracer's picture of the same view and moment. */
 static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_path_world *world,
                                   const struct lw_camera_view *camera, const struct lw_reference *reference,
                                   double *out_error, struct lw_error *err) {
@@ -254,7 +254,7 @@ static enum lw_status run_by_the_clock(struct lw_scaling *x, struct lw_error *er
 
 /* ---- the whole ---- */
 
-/* What the eyes' views and the users' costs depend on, beside the options of all runs. */
+/* Further options that the views and costs of users depend on. */
 static enum lw_status bind(struct lw_scaling *x, struct lw_error *err) {
     const struct lw_scaling_options *o = &x->options;
     char users[200] = "";

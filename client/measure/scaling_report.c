@@ -203,7 +203,7 @@ static void print_lag(const struct lw_scaling *x, FILE *f) {
                 LAG_TIMES);
 }
 
-/* What views do to an error, random numbers aside. */
+/* Spread of an error over views, without that of random numbers. */
 static void print_spread(const struct lw_scaling *x, FILE *f) {
     double least[LW_SCALING_SIDES], most[LW_SCALING_SIDES];
     for (int s = 0; s < LW_SCALING_SIDES; s++) {

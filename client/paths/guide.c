@@ -103,7 +103,7 @@ static uint32_t sector_of(struct lw_vec3 d) {
     return (uint32_t)fminf(slice, LW_GUIDE_SLICES - 1) * LW_GUIDE_BANDS + k;
 }
 
-/* What a sector counts beside the others of its aim. */
+/* Weight of a sector among the sectors of its aim. */
 static float weight_of(const struct lw_guide_aim *aim, uint32_t slice, uint32_t band) {
     const float along = aim->normal.x * slice_x[slice] + aim->normal.z * slice_z[slice];
     const float cosine = band_radius[band] * along + band_y[band] * aim->normal.y;

@@ -50,7 +50,8 @@ struct lw_path_renderer_desc {
 
 struct lw_path_renderer;
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY; LW_USAGE: desc->vpl (instant_radiosity.h). */
+/** The objects that desc points to must outlive it. Errors: LW_NO_MEMORY; LW_USAGE: desc->vpl
+ * (instant_radiosity.h). */
 LW_MUST_CHECK enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
                                                      struct lw_path_renderer **out_renderer,
                                                      struct lw_error *err);

@@ -29,21 +29,21 @@ enum lw_path_pixel {
     LW_PATH_PIXEL_CENTRE /* it is what its centre sees, as compose.h has it */
 };
 
-/** How light from surfaces and sky is found; all agree in the mean. */
+/** Estimators of light from surfaces and sky. All have the same mean. */
 enum lw_path_method {
     LW_PATH_METHOD_BOTH,  /* by lamps and by bounce rays, weighed by the power heuristic */
     LW_PATH_METHOD_LAMPS, /* by rays towards lamps alone */
     LW_PATH_METHOD_BOUNCE /* by bounce rays that meet them; point, spot and directional lights as in LAMPS */
 };
 
-/** Which light counts; direct and indirect add up to all. */
+/** Parts of light. Direct and indirect add up to all. */
 enum lw_path_part {
     LW_PATH_PART_ALL,
     LW_PATH_PART_DIRECT,  /* visible emission, and light of lamps and sky on visible surfaces */
     LW_PATH_PART_INDIRECT /* light that reaches visible surfaces by bounces */
 };
 
-/** Which 16 pixels share random numbers, so that their rays run parallel. */
+/** Groups of 16 pixels that share random numbers, so that their rays run parallel. */
 enum lw_path_pattern {
     LW_PATH_PATTERN_SQUARE, /* 4 x 4 neighbours: the fastest, for pictures of many samples */
     /* Every 4th pixel of 16 x 16, in both directions. Neighbours differ, and 4 x 4 of them are stratified as

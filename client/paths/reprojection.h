@@ -24,7 +24,7 @@ static inline struct lw_reprojection lw_reprojection_of(const struct lw_gbuffer 
     return (struct lw_reprojection){g->width, g->height, g->camera, lw_gbuffer_aim(g)};
 }
 
-/** Where a point was in the picture: pixels, and its inverse depth. */
+/** Place of a point in the picture: pixels, and its inverse depth. */
 static inline bool lw_reprojection_find(const struct lw_reprojection *before, struct lw_vec3 point,
                                         float *out_x, float *out_y, float *out_depth) {
     const struct lw_camera_view *c = &before->camera;
@@ -38,7 +38,7 @@ static inline bool lw_reprojection_find(const struct lw_reprojection *before, st
     return *out_x > -1 && *out_y > -1 && *out_x < (float)before->width && *out_y < (float)before->height;
 }
 
-/** What tells a pixel's surface: as in struct lw_gbuffer_planes. */
+/** Planes that identify a pixel's surface, as in struct lw_gbuffer_planes. */
 struct lw_reprojection_surface {
     uint32_t object;
     float depth, slope[2], apart;

@@ -44,7 +44,7 @@ struct lw_shot_lights {
     uint32_t seed, salt;    /* the step's */
 };
 
-/** What desc points to outlives it. Errors: LW_NO_MEMORY; finish it then. */
+/** The objects that desc points to outlive it. Errors: LW_NO_MEMORY; finish it then. */
 LW_MUST_CHECK enum lw_status lw_shot_lights_init(struct lw_shot_lights *lights,
                                                  const struct lw_shot_lights_desc *desc);
 /** A zeroed one is fine. */

@@ -406,7 +406,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     h.stage.mirrors = options->mirrors;
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
     if (status == LW_OK) status = start_gl(&h, err);
-    if (status == LW_OK) /* an unknown camera is said before the wait */
+    if (status == LW_OK) /* an unknown camera is reported before the wait */
         status =
             lw_view_options_camera(options, h.stage.scene, &h.stage.pose, h.stage.trace, &h.view.camera, err);
     if (status == LW_OK) status = wait_for_light(&h, err);

@@ -11,7 +11,7 @@
 
 struct lw_own_server;
 
-/** Starts a server for a scene on a free port of 127.0.0.1. What it says goes to our stderr. A scene without
+/** Starts a server for a scene on a free port of 127.0.0.1. Its log goes to our stderr. A scene without
  * a light gets a plain sky. It ends with the calling thread, for any reason. Ctrl-C does not end it.
  * open    the scene and how it is opened. It must outlive the server.
  * Errors: LW_NO_INPUT for a file that is not there; LW_OS if lightwelld, beside this program or in PATH, does

@@ -113,7 +113,7 @@ static void tear_down(struct command *c) {
     lw_scene_destroy(c->scene);
 }
 
-/* How many samples it will take in all: an error falls at least with their root. */
+/* Estimate of the samples in all: an error falls at least with their root. */
 static uint64_t foresee(const struct command *c) {
     const struct lw_view_path *path = &c->options->path;
     if (!(path->error > 0)) return path->samples;

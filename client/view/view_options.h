@@ -43,11 +43,11 @@ enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_REND
 enum lw_view_mirrors { LW_VIEW_MIRRORS_AUTO, LW_VIEW_MIRRORS_ON, LW_VIEW_MIRRORS_OFF };
 #define LW_VIEW_MIRRORS_CHOICES "auto|on|off" /* in the order of enum lw_view_mirrors */
 
-/* What bounce rays of --path-trace follow. */
+/* Guide of bounce rays of --path-trace. */
 enum lw_view_guide { LW_VIEW_GUIDE_OFF, LW_VIEW_GUIDE_LEARNED };
 #define LW_VIEW_GUIDE_CHOICES "off|learned" /* in the order of enum lw_view_guide */
 
-/** What --path-trace takes. */
+/** Limits of --path-trace. */
 struct lw_view_path {
     struct lw_scene_open open; /* open.path is the scene; NULL: no path tracing */
     uint32_t samples;          /* per pixel, at most */

@@ -12,7 +12,7 @@
 
 #include <stdio.h>
 
-/** What every file begins with: the first member of its header. */
+/** Begin of every file: the first member of its header. */
 struct lw_checked_file_kind {
     char magic[8];
     uint32_t version;

@@ -10,9 +10,9 @@
 
 #define LW_CONTROL_PATH_SIZE 108u /* a socket's path, terminator included: sockaddr_un */
 
-/** Where a server of this process is to make it, in a folder that is there afterwards and in which only this
- * user can make files: $RUNTIME_DIRECTORY (systemd's), $XDG_RUNTIME_DIR/lightwell, /run/lightwell for root,
- * or /tmp/lightwell-UID. Errors: LW_CANNOT_CREATE naming the folder. */
+/** Path at which a server of this process makes it. Its folder then exists, and only this user can make files
+ * in it: $RUNTIME_DIRECTORY (systemd's), $XDG_RUNTIME_DIR/lightwell, /run/lightwell for root, or
+ * /tmp/lightwell-UID. Errors: LW_CANNOT_CREATE naming the folder. */
 LW_MUST_CHECK enum lw_status lw_control_path_make(uint16_t port, char out_path[LW_CONTROL_PATH_SIZE],
                                                   struct lw_error *err);
 

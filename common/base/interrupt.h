@@ -9,7 +9,7 @@
  * complete. */
 #define LW_INTERRUPT_EXIT_CODE 75
 
-/** What the first signal does while a part of the program's work lasts. */
+/** Effect of the first signal during a part of the program's work. */
 struct lw_interrupt_phase {
     const char *answer; /* a line logged at once, by the signal handler; NULL: none */
     bool ends;          /* nothing to finish: the handler ends the program, with the code above */

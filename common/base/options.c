@@ -375,7 +375,7 @@ static void print_version(const struct lw_options *options) {
     printf("%s " LW_VERSION "\n", options->program);
 }
 
-/* What prints itself and ends the program; the manual is for our own build. */
+/* Options that print and end the program. The manual is for our own build. */
 static const struct {
     const char *option;
     void (*print)(const struct lw_options *options);

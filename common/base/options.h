@@ -54,14 +54,14 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
 LW_MUST_CHECK enum lw_status lw_options_set(const struct lw_options *options, const char *name,
                                             const char *text, struct lw_error *err);
 
-/** What a number may be: "from 1 to 16". */
+/** Text of a number's range: "from 1 to 16". */
 void lw_options_range(const struct lw_option *option, char *out, size_t out_size);
 
 #define LW_OPTIONS_HOST    "127.0.0.1"
 #define LW_OPTIONS_PORT    7780
 #define LW_OPTIONS_ADDRESS LW_OPTIONS_HOST ":7780"
 
-/** Where a server is, or shall be: "HOST:PORT", "[v6]:PORT" (brackets removed; port 0 is allowed), "HOST" or
+/** Address of a server: "HOST:PORT", "[v6]:PORT" (brackets removed; port 0 is allowed), "HOST" or
  * "[v6]" at LW_OPTIONS_PORT, "PORT" or ":PORT" at LW_OPTIONS_HOST. Errors: LW_USAGE naming the text.
  * host_size includes the terminator. */
 LW_MUST_CHECK enum lw_status lw_options_address(const char *text, char *out_host, size_t host_size,

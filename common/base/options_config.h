@@ -13,7 +13,7 @@
 
 #define LW_OPTIONS_CONFIG_NAME_MAX 48u /* bytes of a key, with the zero at its end */
 
-/** How a table is filled. Strings of file and environment are copied, and live until
+/** Sources of a table's values. Strings of file and environment are copied, and live until
  * lw_options_config_finish(). */
 struct lw_options_config {
     const char *prefix;         /* "LIGHTWELL" */

@@ -121,7 +121,7 @@ void lw_options_manual_page(const struct lw_options *options) {
 
 /* ---- completion ---- */
 
-/* What follows an option: its choices, files where it asks for some, else none. */
+/* Completion of an option's value: its choices, files if it takes a file, or none. */
 static void print_case(const struct lw_option *o) {
     if (o->kind == LW_OPTION_FLAG) return;
     printf("    %s%s)\n", dashes(o), o->name);

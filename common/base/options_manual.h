@@ -11,7 +11,7 @@
 void lw_options_manual_page(const struct lw_options *options);
 
 /** Prints a function for bash that completes options, their choices and files: _lightwell_load_scaling for a
- * program "lightwell-load scaling". That of "lightwell-load" calls it for its own first word. */
+ * program "lightwell-load scaling". The main() of "lightwell-load" calls it for its own first word. */
 void lw_options_manual_bash(const struct lw_options *options);
 
 #endif

@@ -2,7 +2,7 @@
  * Threads: [any].
  *
  * A name "credential:NAME" is the systemd credential NAME: the file of that name in $CREDENTIALS_DIRECTORY.
- * What others may read there systemd sees to. */
+ * systemd decides who may read files there. */
 #ifndef LW_COMMON_BASE_SECRET_FILE_H
 #define LW_COMMON_BASE_SECRET_FILE_H
 

@@ -62,7 +62,7 @@ enum lw_status lw_status_fail(struct lw_error *err, enum lw_status status, const
     LW_PRINTF(3, 4);
 
 /** Puts "context: " in front of the text of an error that holds a cause; otherwise does nothing.
- * Where both do not fit, the context is cut: the cause says more. */
+ * If both do not fit, the context is cut, since the cause is more useful. */
 void lw_status_context(struct lw_error *err, const char *format, ...) LW_PRINTF(2, 3);
 
 #ifdef __cplusplus

@@ -91,7 +91,7 @@ void lw_builtin_mesh_box(struct lw_builtin_mesh *mesh, struct lw_vec3 low, struc
 void lw_builtin_mesh_revolve(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
                              uint32_t segments);
 
-/** Where a swept profile stands: point = origin + out * x + up * y. Longer vectors make mitres. */
+/** Frame of a swept profile: point = origin + out * x + up * y. Longer vectors make mitres. */
 struct lw_builtin_frame {
     struct lw_vec3 origin, out, up;
 };

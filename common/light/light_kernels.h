@@ -20,7 +20,7 @@ LW_WIDE_INLINE float lw_light_smaller(float a, float b) { return a < b ? a : b; 
 #define LW_LIGHT_COSINE_SLACK 2e-3f
 #define LW_LIGHT_BELOW_ONE    0x1.fffffep-1f
 
-/* What a choice reads of a node: a line of memory. */
+/* Part of a node that a choice reads: one cache line. */
 struct lw_light_node {
     struct lw_vec3 centre; /* the centre of the ball around its box */
     float radius, power;
@@ -33,7 +33,7 @@ struct lw_light_node {
 };
 _Static_assert(sizeof(struct lw_light_node) <= 64, "a line");
 
-/* Where light arrives: a region (light_tree.h), or a point of a surface as a region of no extent. */
+/* Receiver of light: a region (light_tree.h), or a point of a surface as a region of no extent. */
 struct lw_light_place {
     struct lw_vec3 centre, normal;
     float radius, cos_spread, sin_spread;
@@ -57,8 +57,8 @@ LW_WIDE_INLINE float lw_light_cos_of_rest(float cos_a, float cos_b, float sin_b,
     return sin_bc < 0 ? 1 : less; /* b + c is more than any angle */
 }
 
-/* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives
- * nothing. */
+/* Upper bound of a group's light: power x cos x cos' / d^2, with the most favourable angles. 0 only where it
+ * gives nothing. */
 LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struct lw_light_place place) {
     const struct lw_vec3 to = lw_vec3_sub(node->centre, place.centre);
     /* the vectors from points of one ball to those of another are those from a point to a ball of both

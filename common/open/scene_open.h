@@ -14,7 +14,7 @@
 /* Radiance of the even sky of scenes without a light, where that is asked for, W/(m^2 sr). */
 #define LW_SCENE_OPEN_PLAIN_SKY 1.0f
 
-/** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */
+/** Values of the shared options. {0} with sun_angle_deg set to the constant above is all defaults. */
 struct lw_scene_open {
     const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
     double texels_per_metre; /* 0: the importer's default */

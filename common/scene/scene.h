@@ -35,7 +35,7 @@
 #define LW_SCENE_DURATION_MAX         1e9f  /* s */
 #define LW_SCENE_ENVIRONMENT_SIDE_MAX 4096u /* texels, either way */
 
-/* What the four bytes of a texel are. */
+/* Meaning of the four bytes of a texel. */
 enum lw_content {
     LW_CONTENT_COLOUR,  /* R, G, B sRGB; A linear, not premultiplied */
     LW_CONTENT_NORMAL,  /* R, G: x and y of a unit normal in tangent space, 127.5 (1 + x); B: z; A: 255 */
@@ -65,7 +65,7 @@ enum lw_alpha_mode {
     LW_ALPHA_BLEND /* lets the fraction 1 - alpha of light pass */
 };
 
-/** What a file says about a light's direct light: common/light/client_lights.h. */
+/** The file's choice of who draws a light's direct light: common/light/client_lights.h. */
 enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN_BY_SERVER };
 
 /** Roughness, mirrored light and relief of a surface: glTF 2.0's metallic-roughness,
@@ -73,7 +73,7 @@ enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN
 struct lw_finish {
     float metalness, roughness;            /* [0, 1]; times B and G of the texture */
     struct lw_texture_use surface_texture; /* LW_CONTENT_SURFACE */
-    /* What a dielectric mirrors: at normal incidence min(((ior - 1) / (ior + 1))^2 colour, 1) specular, at
+    /* Reflectance of a dielectric: at normal incidence min(((ior - 1) / (ior + 1))^2 colour, 1) specular, at
      * grazing incidence specular. 0 and metalness 0: nothing, a matt surface. */
     float specular;                         /* [0, 1]; times A of the texture */
     float specular_colour[3];               /* >= 0; times R, G, B of the texture */
@@ -375,7 +375,7 @@ void lw_scene_facet_base(const struct lw_scene *scene, const struct lw_facet *fa
 struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struct lw_finish *finish,
                                        const struct lw_texture_quad *texels);
 
-/** How a point of a surface scatters light. */
+/** Scattering of light at a point of a surface. */
 struct lw_finish_point {
     struct lw_lobes lobes;
     float occlusion;        /* share of light from everywhere that arrives: [0, 1] */
@@ -401,7 +401,7 @@ static inline struct lw_vec3 lw_scene_light_normal(struct lw_vec3 shading, struc
     return lw_vec3_dot(shading, geometric) <= 0.01f ? geometric : shading;
 }
 
-/** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on the curved
+/** Start of light rays on a smooth-shaded triangle, object space: above its flat face, on the curved
  * surface that the corners' normals describe. So a coarse mesh does not shade itself along its edges (Hanika,
  * Hacking the Shadow Terminator, in Ray Tracing Gems II, 2021):
  *     p + sum over corners of w_i k_i max(0, (v_i - p) . n_i) n_i

@@ -9,8 +9,7 @@
  *     n stays where n.v > 0 and r.ng >= t; else r is lifted along ng until r.ng = t, and
  *     n = (v + r) / |v + r|
  *
- * so that n.v > 0 always. All shaders of normal maps use it. What light shines from below ng gives
- * nothing. */
+ * so that n.v > 0 always. All shaders of normal maps use it. Light from below ng counts as none. */
 #ifndef LW_COMMON_SHADING_BEND_H
 #define LW_COMMON_SHADING_BEND_H
 

@@ -106,7 +106,7 @@ LW_MUST_CHECK enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, c
                                                      uint32_t finer, uint32_t room);
 void lw_atlas_map_finish(struct lw_atlas_map *map);
 
-/** How many tiles of finer levels may have ids at a time: those from plain_count on. */
+/** Number of tiles of finer levels that may have ids at a time: ids from plain_count on. */
 static inline uint32_t lw_atlas_map_room(const struct lw_atlas_map *map) {
     return map->tile_count - map->plain_count;
 }

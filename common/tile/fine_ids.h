@@ -15,7 +15,7 @@
 
 #define LW_FINE_IDS_NONE UINT32_MAX
 
-/** Where a tile lies. */
+/** Place of a tile. */
 struct lw_tile_place {
     uint32_t object, level, x, y; /* x, y: tile column and row within the level */
     uint32_t width, height;       /* texels */

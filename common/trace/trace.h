@@ -48,9 +48,9 @@ static inline void lw_trace_set_ray(struct lw_ray16 *rays, uint32_t lane, struct
     rays->t_far[lane] = t_far;
 }
 
-/* How far from its surface a light ray starts, in units of the last place of the largest coordinate. From 3
- * on no ray hits the triangle it starts on, at any angle: measured for static and moving triangles of 1 mm to
- * 1 km, up to 1 km from the origin. With 2, one ray in 10^5 does; with 1, one in 300. */
+/* Distance from its surface at which a light ray starts, in units of the last place of the largest
+ * coordinate. From 3 on no ray hits the triangle it starts on, at any angle: measured for static and moving
+ * triangles of 1 mm to 1 km, up to 1 km from the origin. With 2, one ray in 10^5 does; with 1, one in 300. */
 #define LW_TRACE_LIFT (6.0f * 0x1p-23f)
 /** Share of the way to a point on a surface that has to be free: the surface itself would be in the way. */
 #define LW_TRACE_SHORT 0.9999f

@@ -40,7 +40,7 @@ void lw_sides_finish(struct lw_sides *sides);
 struct lw_sides_shown {
     uint8_t *back;   /* per vertex of its mesh, 1: its chart shows the back; NULL: all show the front */
     double back_m2;  /* area that does, in the mesh's own lengths */
-    double both_m2;  /* area of charts of which the other side matters too */
+    double both_m2;  /* area of charts whose other side is visible too */
     double total_m2; /* area of charts that have a back */
 };
 

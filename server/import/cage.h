@@ -23,7 +23,7 @@ struct lw_cage_desc {
     uint64_t file_bytes;        /* largest file to write */
 };
 
-/** What a kernel may lack. */
+/** Features that a kernel may lack. */
 enum lw_cage_part {
     LW_CAGE_FILES = 1, /* Landlock: no file but the desc's is opened, changed or removed by any user */
     LW_CAGE_CALLS = 2, /* seccomp: no socket, no program, no process, no signal to others, no ptrace */

@@ -59,7 +59,7 @@ struct channel {
     float dark;               /* W/m^2: looks black in this frame; 0: not light */
 };
 
-/* How an object's tiles are sent in this frame. */
+/* Form of an object's tiles in this frame. */
 enum news { AS_SOLVED, HELD_BACK, LIT_AGAIN /* the first light since it was a spare */ };
 
 struct lw_publisher {

@@ -29,7 +29,7 @@ struct lw_serve_options {
 };
 
 /* clang-format off */
-/** What they are by default: an initialiser. */
+/** Initialiser with the default values. */
 #define LW_SERVE_OPTIONS_DEFAULTS                                                                            \
     {.listen = LW_OPTIONS_ADDRESS, .http = LW_SERVE_OPTIONS_HTTP, .control_socket = "auto", .return_s = 2.0}
 
@@ -110,7 +110,7 @@ struct lw_serve_options {
      LW_OPTION_REAL, &(options)->return_s, 0, 3600, NULL}
 /* clang-format on */
 
-/** What one option alone does not tell: addresses, and whether others reach them. Errors: LW_USAGE,
+/** Checks of several options: addresses, and whether other machines reach them. Errors: LW_USAGE,
  * LW_NO_INPUT. */
 LW_MUST_CHECK enum lw_status lw_serve_options_check(struct lw_serve_options *options, struct lw_error *err);
 /** Sets a server's descriptor by the options, which outlive it. */
@@ -124,7 +124,7 @@ LW_MUST_CHECK enum lw_status lw_serve_options_write_ports(const struct lw_serve_
 void lw_serve_options_remove_ports(const struct lw_serve_options *options);
 /** Logs where browsers and monitoring find the server. */
 void lw_serve_options_tell(const struct lw_serve_options *options, const struct lw_server *server);
-/** Where clients connect: an address as in a URL, or unix:PATH. */
+/** Address for clients, as in a URL, or unix:PATH. */
 void lw_serve_options_where(const struct lw_serve_options *options, const struct lw_server *server, char *dst,
                             size_t size);
 #define LW_SERVE_OPTIONS_WHERE_SIZE 280 /* bytes that this takes at most */

@@ -142,7 +142,7 @@ static enum lw_status take_over(uv_tcp_t *listener, int *socket, uint16_t *out_p
     return LW_OK;
 }
 
-/* socket: of the server before, on which it goes on; NULL: there is none */
+/* socket: the previous server's, to be used again; NULL: there is none */
 static enum lw_status start_listening(uv_tcp_t *listener, int *socket, const char *host, uint16_t port,
                                       const char *option, uint16_t *out_port, struct lw_error *err) {
     if (socket) return take_over(listener, socket, out_port, err);

@@ -14,8 +14,7 @@ bool lw_service_notify(const char *format, ...) LW_PRINTF(1, 2);
 /** Whether a manager asked. */
 bool lw_service_notify_wanted(void);
 
-/** How often "WATCHDOG=1" should be sent, in milliseconds: three times in what $WATCHDOG_USEC
- * allows. 0: nobody waits for it. */
+/** Interval of "WATCHDOG=1", in milliseconds: a third of $WATCHDOG_USEC. 0: nobody waits for it. */
 unsigned lw_service_notify_watchdog_ms(void);
 
 #endif

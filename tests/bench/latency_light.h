@@ -1,8 +1,8 @@
-/* latency_light.h: what bench_latency judges light by: fresh light of the states before and after a change,
- * and how far other light has come.
+/* latency_light.h: the references of bench_latency: converged light before and after a change, and the
+ * progress of other light between them.
  * Flow:    scene, camera -> introduce, look from -> [states -> fresh servers or kept files -> pair] -> judge
  *          -> p, error of a client's light
- * Threads: main() only. What fails ends the program, and says why.
+ * Threads: main() only. A failure ends the program with its reason.
  *
  * Light is read at level LW_ATLAS_READ_MAX, or at the coarsest level of objects that have fewer:
  * LATENCY_CHANNELS values per texel, object by object. It is judged in squares of 4 x 4 texels: d is the sum

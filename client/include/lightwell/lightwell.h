@@ -54,7 +54,7 @@ extern "C" {
 #define LW_LIVE_FINER     64u        /**< Level LW_LIVE_FINER + k has both sides of level 0 times 2^k. */
 #define LW_LIVE_SLOTS_MAX 1024u      /**< Tiles of such levels that a client can read at a time. */
 
-/** What became of a call. */
+/** Result of a call. */
 enum lw_live_status {
     LW_LIVE_OK = 0,
     LW_LIVE_USAGE = 1,       /**< The call is not allowed, or its arguments are wrong. */
@@ -102,7 +102,7 @@ struct lw_live;
 #define LW_LIVE_MATERIALS     128u /**< You want finishes of materials: enum lw_live_finishes. */
 #define LW_LIVE_DIRECTIONS    256u /**< You want to know where light comes from: LW_LIVE_DIRECTION. */
 
-/** How to open a session. */
+/** Options of a session. */
 struct lw_live_desc {
     size_t struct_size;       /**< sizeof(struct lw_live_desc) */
     const char *host;         /**< Name or address; NULL: "127.0.0.1". */
@@ -151,9 +151,9 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_poll(struct lw_live *live,
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *live,
                                                                 struct lw_live_error *err);
 
-/** How long to wait before an attempt (0, 1, ...) to connect again, in ms: by chance, out of a range
- * that grows to 500..1000, so that a server is not met by all its clients at once. seed: differs
- * from client to client. [any] */
+/** Time to wait before attempt 0, 1, ... to connect again, in ms. It is random, from a range that grows to
+ * 500..1000, so that the clients of a server do not all connect at once. seed: differs from client to client.
+ * [any] */
 LW_LIVE_API uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed);
 
 /** File descriptor that an event loop of your own may watch for reading, before lw_live_poll(live, 0, ...);
@@ -167,7 +167,7 @@ enum lw_live_finishes {
     LW_LIVE_FINISHES_COMING = 1, /**< Until they are there all is matt. */
     LW_LIVE_FINISHES_THERE = 2   /**< lw_live_get_material(), _mesh() and _finish_texture() have them. */
 };
-/** Where the session stands. */
+/** State of the session. */
 struct lw_live_stats {
     size_t struct_size;     /**< sizeof(struct lw_live_stats) */
     int is_connected;       /**< 0 while the link is broken. */
@@ -212,7 +212,7 @@ LW_LIVE_API const char *lw_live_waiting_text(enum lw_live_waiting waiting);
 /* ---- the scene: all LW_LIVE_NOT_READY before it has arrived; then pointers live
  * as long as the session ---- */
 
-/** How much there is. */
+/** Counts of the scene's parts. */
 struct lw_live_scene {
     size_t struct_size;            /**< sizeof(struct lw_live_scene) */
     const char *name;              /**< Never NULL, as all names. */
@@ -250,7 +250,7 @@ enum lw_live_kind {
 LW_LIVE_API uint32_t lw_live_find(const struct lw_live *live, enum lw_live_kind kind, const char *name,
                                   uint32_t nth);
 
-/** What the server says of an object. */
+/** Current state of an object. */
 enum lw_live_object_state {
     LW_LIVE_OBJECT_SHOWN = 0,  /**< It is there. */
     LW_LIVE_OBJECT_HIDDEN = 1, /**< No ray meets it. */
@@ -319,7 +319,7 @@ struct lw_live_texture_use {
     uint32_t uv_set;    /**< 0 or 1. */
     float transform[6]; /**< Row-major 2x3, of (u, v, 1). */
 };
-/** What a material does with alpha. */
+/** Use of alpha by a material. */
 enum lw_live_alpha {
     LW_LIVE_ALPHA_OPAQUE = 0, /**< Nothing. */
     LW_LIVE_ALPHA_MASK = 1,   /**< Below alpha_cutoff there is no surface. */
@@ -334,7 +334,7 @@ struct lw_live_material {
     float first_emission[3];                        /**< Emission at the start of the scene. */
     struct lw_live_texture_use base_colour_texture; /**< A factor. */
     struct lw_live_texture_use emission_texture;    /**< A factor. */
-    enum lw_live_alpha alpha;                       /**< What alpha means. */
+    enum lw_live_alpha alpha;                       /**< Use of alpha. */
     float alpha_cutoff;                             /**< With LW_LIVE_ALPHA_MASK. */
     int is_double_sided;                            /**< It reflects and shines on both sides. */
     int is_client_light; /**< The direct light of its triangles is yours to draw: it is in no texel. */
@@ -369,7 +369,7 @@ enum lw_live_wrap {
     LW_LIVE_WRAP_CLAMP = 1,  /**< With its last texel. */
     LW_LIVE_WRAP_MIRROR = 2  /**< Again, mirrored. */
 };
-/** What the four bytes of a texel are. */
+/** Meaning of the four bytes of a texel. */
 enum lw_live_content {
     LW_LIVE_CONTENT_COLOUR = 0, /**< sRGB colour, linear alpha, not premultiplied. */
     LW_LIVE_CONTENT_NORMAL = 1, /**< x, y, z of a unit normal in tangent space, 127.5 (1 + x); 255. */
@@ -470,24 +470,24 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_level(const struct lw_
 LW_LIVE_API size_t lw_live_take_dirty(struct lw_live *live, uint32_t object, uint32_t level,
                                       uint64_t texels_max, struct lw_live_rect *out_rect, size_t capacity);
 
-/** What GPUs sample. */
+/** For GPU textures. */
 enum lw_live_format {
     LW_LIVE_RGB9E5 = 0,  /**< 4 bytes a texel: GL_RGB9_E5, VK_FORMAT_E5B9G9R9_UFLOAT_PACK32. Up to 65408. */
     LW_LIVE_RGBA16F = 1, /**< 8 bytes: halves, alpha 1. Up to 65504. */
     LW_LIVE_RGB32F = 2,  /**< 12 bytes. */
     LW_LIVE_RGBA32F = 3  /**< 16 bytes, alpha 1. */
 };
-/** What a texel says. */
+/** Quantity of a texel. */
 enum lw_live_quantity {
     LW_LIVE_IRRADIANCE = 0,         /**< E, W/m^2: radiance is albedo / pi x E. */
     LW_LIVE_IRRADIANCE_OVER_PI = 1, /**< E / pi: radiance is albedo times it. */
-    /** Where the light of E comes from, with LW_LIVE_DIRECTIONS: r, x, y and z, world space, 1 long at most.
+    /** Direction of the light of E, with LW_LIVE_DIRECTIONS: r, x, y and z, world space, 1 long at most.
      * docs/baking.md, "Directions", makes E of a bumped normal of it. 0: not known. It
      * stays so until the direction arrives. The server has none of objects that look the same without, or of
      * any object. Not in LW_LIVE_RGB9E5, which has no sign. scale is not used. */
     LW_LIVE_DIRECTION = 2
 };
-/** Where lw_live_read() writes, and how. */
+/** Memory and format for lw_live_read(). */
 struct lw_live_texels {
     size_t struct_size;             /**< sizeof(struct lw_live_texels) */
     enum lw_live_format format;     /**< A texel's format. */
@@ -519,7 +519,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_sample(const struct lw_liv
                                                              const float *lightmap_uv, float *out_rgb,
                                                              struct lw_live_error *err);
 
-/** Where a ray meets the scene. */
+/** Hit of a ray. */
 struct lw_live_hit {
     size_t struct_size;   /**< sizeof(struct lw_live_hit) */
     uint32_t object;      /**< Index; LW_LIVE_NONE: it meets nothing. */
@@ -578,7 +578,7 @@ LW_LIVE_API void lw_live_want_everything(struct lw_live *live);
 
 /* ---- finer levels: tiles that are lit where a client asks for them, in a pool of yours ---- */
 
-/** What there is of finer levels. */
+/** Finer levels of the server. */
 struct lw_live_finer {
     size_t struct_size;     /**< sizeof(struct lw_live_finer) */
     uint32_t level_count;   /**< Levels LW_LIVE_FINER + 1 and so on; 0: none, see lw_live_get_finer(). */
@@ -594,7 +594,7 @@ struct lw_live_finer {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_finer(const struct lw_live *live, struct lw_live_finer *out_finer, struct lw_live_error *err);
 
-/** Where a page table has the tiles of one finer level of one object: at first + row * columns + column. */
+/** Tiles of one finer level of one object in a page table: at first + row * columns + column. */
 struct lw_live_pages {
     size_t struct_size; /**< sizeof(struct lw_live_pages) */
     uint64_t first;     /**< Page of the tile at texel (0, 0); pages count through all objects. */
@@ -608,7 +608,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_pages(const struct lw_
                                                                 struct lw_live_pages *out_pages,
                                                                 struct lw_live_error *err);
 
-/** What becomes of one slot of your pool. Its layout is for ever. */
+/** Change of one slot of your pool. Its layout is for ever. */
 struct lw_live_slot {
     uint32_t slot;       /**< Its number, below finer_slots. */
     uint32_t has_texels; /**< 1: lw_live_read() `rect` into the slot now. 0: its texels stay. */
@@ -636,7 +636,7 @@ LW_LIVE_API size_t lw_live_take_slots(struct lw_live *live, uint64_t now_ns, siz
 
 /* ---- changing the scene ---- */
 
-/** What a change does; the numbers in brackets say what target is, and how many values there are. */
+/** Kinds of changes. In brackets: the target, and the number of values. */
 enum lw_live_change_kind {
     LW_LIVE_CHANGE_OBJECT_TRANSFORM = 1,     /**< Object to world, row-major 3x4 [object, 12]. */
     LW_LIVE_CHANGE_OBJECT_RESTORE = 2,       /**< Where the scene has it, and shown [object, 0]. */
@@ -676,7 +676,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_change(struct lw_live *liv
                                                              size_t count, uint64_t *out_request,
                                                              struct lw_live_error *err);
 
-/** What became of a call of lw_live_change(). */
+/** Result of a call of lw_live_change(). */
 struct lw_live_answer {
     size_t struct_size;    /**< sizeof(struct lw_live_answer) */
     uint64_t request;      /**< Its number. */

@@ -175,7 +175,7 @@ static void filter_columns(const struct filter *f, const float *in, struct size 
     }
 }
 
-/* What a picture is compared by, a float a pixel each. */
+/* Planes that pictures are compared by, a float a pixel. */
 enum { SEEN_L, SEEN_A, SEEN_B, SEEN_EDGE, SEEN_POINT, SEEN_COUNT };
 #define SCRATCH_COUNT 8
 #define PLANE_COUNT   (2 * SEEN_COUNT + SCRATCH_COUNT)

@@ -23,7 +23,7 @@
 /** Compares two pictures.
  *
  * reference_rgb, test_rgb  width * height * 3, linear sRGB as a display shows it (after tone mapping), in
- *                          [0, 1]. What lies beyond counts as 0 or 1, NaN as 0.
+ *                          [0, 1]. Values out of range count as 0 or 1, NaN as 0.
  * pixels_per_degree        of the visual field, from LW_FLIP_PIXELS_PER_DEGREE_MIN to _MAX
  * out_map                  width * height; 0 where nobody sees a difference, at most 1
  * Borders                  pixels outside a picture are like the nearest one inside

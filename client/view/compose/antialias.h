@@ -35,7 +35,7 @@ LW_MUST_CHECK enum lw_status lw_antialias_reserve(struct lw_antialias *antialias
 /** A zeroed one is fine. */
 void lw_antialias_finish(struct lw_antialias *antialias);
 
-/** Where in its pixel sample `index` of `count` lies, from the centre; pixels, within +-1/2. Their mean is
+/** Place of sample `index` of `count` in its pixel, from the centre; pixels, within +-1/2. Their mean is
  * the centre, to 1/2^24; one alone is the centre itself. */
 void lw_antialias_offset(uint32_t index, uint32_t count, float *out_x, float *out_y);
 

@@ -38,7 +38,7 @@ struct lw_compose_object {
     bool has_fine; /* a tile of a finer level is here */
 };
 
-/* What pixels mirror by a ray. */
+/* Rays that pixels mirror. */
 struct lw_compose_mirrored {
     uint16_t lanes;
     struct lw_vec3 origin[LW_TRACE_WIDTH], direction[LW_TRACE_WIDTH];

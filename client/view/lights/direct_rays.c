@@ -58,7 +58,8 @@ void lw_direct_rays_flush(struct lw_direct_job *job) {
     w->waiting = 0;
 }
 
-/* Which parts of a cluster a block sees: once for a tile that is small from there. */
+/* Visible parts of a cluster from a block. A tile that is small, seen from the cluster, has one list for all
+ * blocks. */
 static const float *share_of(struct lw_direct_job *job, uint32_t block, struct lw_vec3 point) {
     struct lw_direct_work *w = job->work;
     const uint32_t slot = job->far ? 0 : block;

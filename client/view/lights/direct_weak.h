@@ -14,8 +14,8 @@ void lw_direct_weak_summarise(const struct lw_direct_block *restrict block, uint
 float lw_direct_weak_expect(const struct lw_direct_pixels *direct, const struct lw_direct_summary *summary,
                             uint32_t candidate, float luminance, struct lw_direct_outlook *out);
 
-/* How blocks take a light. A light is weak where it is far and a small part of the block's light. Then the
- * middle of the block has E of all its pixels, but for their normals. */
+/* Blocks that take a light as weak, and as full. A light is weak where it is far and a small part of the
+ * block's light. Then the middle of the block has E of all its pixels, but for their normals. */
 struct lw_direct_parts {
     float weak[LW_DIRECT_BLOCKS]; /* the most that it may add, over all; 0: not weak */
     uint32_t full[LW_DIRECT_BLOCKS];

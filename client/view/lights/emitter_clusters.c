@@ -177,7 +177,7 @@ static int by_key(const void *left, const void *right, void *context) {
     return a->emitter != b->emitter ? ORDER(a->emitter, b->emitter) : (int)a->flipped - (int)b->flipped;
 }
 
-/* How far the sides of a facet lie apart along an axis. */
+/* Distance of a facet's sides along an axis. */
 static float spread_of(struct key *key, const struct lw_emitter_facet *facet, int axis) {
     float low = INFINITY, high = -INFINITY;
     key->axis = axis;

@@ -7,8 +7,8 @@
  * together. Its light without shadows is computed, not sampled, so it has no noise. A shadow ray to one place
  * on it says how much of that arrives (Heitz, Hill, McGuire: Combining Analytic Direct Illumination and
  * Stochastic Shadows, 2018).
- *   from afar    a point whose intensity depends on the direction (a map of the octahedron). What stands
- *                close to it, such as a lamp's shade or cage, is part of it: shadow rays end before that
+ * from afar    a point whose intensity depends on the direction (a map of the octahedron). An object close to
+ * it, such as a lamp's shade or cage, is part of it: shadow rays end before that
  *   from nearby  a few facets, each as bright as a disc of its area; shadow rays go all the way */
 #ifndef LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 #define LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H

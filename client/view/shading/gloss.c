@@ -145,7 +145,7 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         }
 }
 
-/* What neighbours in a quad differ by; thin things and edges have none. */
+/* Difference of neighbours in a quad. Thin objects and edges have none. */
 LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], unsigned quads, float *restrict out) {
     for (unsigned i = 0; i < WIDTH; i++) {
         float sum = 0;

@@ -10,8 +10,8 @@
  *   of a lamp, E there:      E (diffuse under / pi + D V F boost)
  *   of everything else:      occlusion (E/pi factor diffuse under + gain ambient (f0 a + f90 b) boost)
  *
- * ambient is the radiance along the mirrored direction: of sky and environment, as far as E tells that they
- * are seen; what more E is arrives evenly. factor and gain are 1, or, where it is known where E comes from,
+ * ambient is the radiance along the mirrored direction: of the share of sky and environment that E shows as
+ * visible. The rest of E counts as even. factor and gain are 1, or, where it is known where E comes from,
  * those of common/light/direction_form.h for the normal of the map and for the mirrored direction. Path
  * tracers have the exact form (lobes.h), whose lobes are reciprocal.
  *

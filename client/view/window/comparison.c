@@ -58,7 +58,7 @@ static void destroy_world(struct world *w) {
     free(w);
 }
 
-/* What the client has now; rays and lights are built on the thread. */
+/* The client's current scene. Rays and lights are built on the thread. */
 static struct world *copy_world(const struct lw_stage *stage) {
     const struct lw_scene *scene = stage->scene;
     struct world *w = calloc(1, sizeof *w);

@@ -32,7 +32,7 @@ struct lw_window_figures {
     double pictures_per_s, kbit_per_s;
 };
 
-/* How a path tracer's picture of the same view is shown. */
+/* Ways to show a path tracer's picture of the same view. */
 enum lw_window_compare {
     LW_WINDOW_COMPARE_NONE,
     LW_WINDOW_COMPARE_SIDE_BY_SIDE,

@@ -257,7 +257,7 @@ static enum lw_status read_glossy(struct reader *r, const json_t *extension, boo
 
 /* ---- the whole ---- */
 
-/* What a material says of gloss. */
+/* A material's statements of gloss. */
 struct said {
     const json_t *pbr, *glossy, *specular, *ior;
     bool metal, gloss; /* by the core fields; by specular-glossiness */

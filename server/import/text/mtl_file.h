@@ -1,4 +1,5 @@
-/* mtl_file.h: reads a material library of OBJ. Which statements are read or named: docs/importing_other.md.
+/* mtl_file.h: reads a material library of OBJ. docs/importing_other.md says which statements are read or
+ * reported.
  * Flow:    bytes of the library -> [mtl_file] -> obj_materials
  * Threads: a library belongs to one import. */
 #ifndef LW_IMPORT_TEXT_MTL_FILE_H

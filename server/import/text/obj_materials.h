@@ -12,7 +12,7 @@
 #define LW_OBJ_MATERIALS_NAMES_MAX     1000u       /* names that are looked for */
 #define LW_OBJ_MATERIALS_SIZE_MAX      (64u << 20) /* bytes of a library */
 
-/** Where the libraries are looked for (beside.h). */
+/** Folder of the libraries (beside.h). */
 struct lw_obj_materials_desc {
     const char *path;   /* the scene's, for warnings */
     const char *folder; /* the scene's */

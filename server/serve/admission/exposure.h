@@ -5,7 +5,7 @@
 
 #include "common/base/status.h"
 
-/** What guards a server. */
+/** Protection of a server. */
 struct lw_exposure {
     bool has_tls, has_tokens;
     bool is_insecure; /* --insecure: then nothing has to */

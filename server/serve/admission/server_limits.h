@@ -21,8 +21,8 @@
 #define LW_SERVER_TURN_READ        (16u << 10) /* bytes */
 #define LW_SERVER_TURN_MESSAGES    256u
 #define LW_SERVER_TURN_FRAMES_READ (2u << 10) /* bytes of a WebSocket, in which there may be 340 frames */
-/* Of all peers: connections that are taken at a port, more of them in the next turn. What libwebsockets does
- * has no budget of time: there it is the number of handshakes. */
+/* Connections of all peers that are accepted at a port in a turn. The rest wait for the next turn.
+ * libwebsockets has no budget of time, so its handshakes are counted. */
 #define LW_SERVER_TURN_CONNECTIONS       32u
 #define LW_SERVER_TURN_HTTPS_CONNECTIONS 4u
 /* Time that TLS handshakes of all peers take in a turn. The remaining ones go on in the next turn. */

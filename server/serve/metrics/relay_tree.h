@@ -21,7 +21,7 @@ struct lw_relay_tree_node {
 
 struct lw_session;
 
-/** What the sessions of relays have reported, together. */
+/** Sum of the reports of all relays. */
 struct lw_relay_tree {
     uv_mutex_t mutex; /* guards the fields below; held for a copy only */
     struct lw_relay_tree_node *node;
@@ -48,7 +48,7 @@ size_t lw_relay_tree_write(const struct lw_relay_tree_node *node, uint32_t count
 /** A copy of what there is. capacity: LW_RELAY_TREE_MAX suffices. [any] */
 uint32_t lw_relay_tree_get(struct lw_relay_tree *tree, struct lw_relay_tree_node *out_node,
                            uint32_t capacity);
-/** Adds a line for each relay to a page of metrics. Where there is no memory the page stays as it is. */
+/** Adds a line for each relay to a page of metrics. Without memory the page stays as it is. */
 void lw_relay_tree_add_metrics(struct lw_relay_tree *tree, struct lw_server_page *page);
 
 #endif

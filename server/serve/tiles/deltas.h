@@ -58,8 +58,8 @@ void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snap
 /** Ends the history of a tile, whose id may be given to another, with smaller versions. */
 void lw_deltas_forget(struct lw_deltas *deltas, uint32_t tile);
 
-/** What a session that has version `from` of a tile gets next, on the way to
- * the newest, for the fewest bytes.
+/** Next message for a session that has version `from` of a tile: on the way to the newest version, with the
+ * fewest bytes.
  * coarse     to that in wider steps; where there is no such form, or the transcoder has too
  *            much to do, to the newest itself
  * out_delta  written unless it has to wait */

@@ -19,8 +19,8 @@
 #define LW_PRIORITY_LACKING 1.0f /* relative error of what stands in for a tile that a session never had */
 #define LW_PRIORITY_BINS    512u /* four to an octave */
 
-/* What stands in for finer tiles, and is not read beside them, need not be the newest: it is sent again when
- * it is so far off, or so old. */
+/* A tile that only stands in for finer tiles need not be the newest version. It is sent again when it differs
+ * by this much, or is this old. */
 #define LW_PRIORITY_STAND_IN_OFF    0.1f /* relative, root mean square */
 #define LW_PRIORITY_STAND_IN_FRAMES 16u
 

@@ -33,7 +33,7 @@ struct lw_transcoder_job {
     struct lw_blob *to; /* the same of version `version` */
 };
 
-/** What came of it. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no
+/** Result. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no
  * smaller than `to`, or cannot be made. */
 struct lw_transcoder_result {
     uint32_t tile;
@@ -58,7 +58,7 @@ LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_tile_channel *
 /** Ends its thread; open requests are dropped. */
 void lw_transcoder_destroy(struct lw_transcoder *transcoder);
 
-/** How the tile `to` differs from `from`, its version `base`: LW_MESSAGE_TILE, the caller's to unref.
+/** Delta of the tile `to` over `from`, its version `base`: LW_MESSAGE_TILE, the caller's to unref.
  * from, to: LW_MESSAGE_TILE, no deltas. buffer: lw_tile_codec_bound() bytes, for the work. NULL where a delta
  * would be no smaller than `to`, or cannot be made: there are other ways to the version.
  * [any thread, with a codec of its own] */

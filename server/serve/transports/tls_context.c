@@ -14,7 +14,7 @@
 
 #define FOLLOWERS_MAX 2u /* browsers, and monitoring */
 
-/* What the two files hold. */
+/* Contents of the two files. */
 struct identity {
     X509 *certificate;
     STACK_OF(X509) * issuers;

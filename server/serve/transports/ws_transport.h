@@ -16,7 +16,7 @@
 /* Codes in our Close (RFC 6455, 7.4.2: private ones are 4000 to 4999). */
 #define LW_WS_TRANSPORT_REFUSED 4000u /* plus the code of the REFUSAL */
 
-/** What all of a server's share. Filled in by the owner. */
+/** State that all transports of a server share. Filled in by the owner. */
 struct lw_ws_transport_shared {
     struct lw_session_shared *sessions;
     uint8_t

@@ -44,7 +44,7 @@ void lw_web_files_finish(struct lw_web_files *files);
  * is none. */
 const struct lw_web_file *lw_web_files_find(const struct lw_web_files *files, const char *path);
 
-/** Which codings a file has besides identity: bit 1 << coding. */
+/** Codings of a file besides identity: bit 1 << coding. */
 unsigned lw_web_files_codings(const struct lw_web_file *file);
 
 #endif

@@ -21,7 +21,7 @@
 struct lw_web_server_desc {
     uv_loop_t *loop;
     struct lw_session_shared *sessions;
-    struct lw_tls_context *tls; /* HTTPS alone, by that; NULL: HTTP. Outlives it */
+    struct lw_tls_context *tls; /* certificates for HTTPS; NULL: HTTP. Outlives it */
     const char *root;           /* folder of the client's files */
     const char *host;           /* it listens on this host: a Host may name it */
     const char *hosts;          /* further names that a Host may have, by commas; NULL: none */
