@@ -135,7 +135,7 @@ static bool wants_something(const struct lw_daemon *d, const struct lw_server_in
     return wanted->everything;
 }
 
-/* Tells the solver what clients look at, if that has changed. */
+/* Gives the solver the interest set, if that has changed. */
 static enum lw_status follow_clients(struct lw_daemon *d, struct lw_error *err) {
     struct lw_server_interest wanted;
     if (d->settings.light != LW_DAEMON_LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted))
@@ -148,8 +148,7 @@ static enum lw_status follow_clients(struct lw_daemon *d, struct lw_error *err) 
     return status;
 }
 
-/* While nobody looks, all of the scene is solved from the second frame on, until it has been for --prepare
- * seconds. */
+/* Without clients, all of the scene is solved from the second frame on, for --prepare seconds. */
 static enum lw_status prepare(struct lw_daemon *d, uint64_t frame, struct lw_error *err) {
     const struct lw_daemon_settings *s = &d->settings;
     const bool wanted = s->light == LW_DAEMON_LIGHT_SEEN && s->clock == LW_DAEMON_CLOCK_REAL &&

@@ -19,7 +19,7 @@
 
 /* Where level 0 is sparse, each of its texels takes bytes: as coarse light, and as it was sent. */
 #define READ_BYTES 64u
-/* With fewer tiles a single view would not have what it looks at. */
+/* With fewer tiles a single view would lack some of its own. */
 #define SPARSE_TILES_MIN 64u
 
 static double mb(uint64_t bytes) { return (double)bytes * 1e-6; }
@@ -56,7 +56,7 @@ static const char *find_hindrance(const struct lw_daemon_settings *s, const stru
     return s->light == LW_DAEMON_LIGHT_SEEN ? NULL : "--light seen";
 }
 
-/* Whether a budget that somebody has given is enough. */
+/* Whether the budget of --memory is enough. */
 static enum lw_status check_budget(const struct lw_solver_desc *desc, const struct need *need,
                                    const char *hindrance, uint64_t memory, struct lw_error *err) {
     if (need->whole <= memory) return LW_OK;

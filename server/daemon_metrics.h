@@ -1,4 +1,4 @@
-/* daemon_metrics.h: what a running lightwelld tells of itself: /metrics, /healthz, /readyz.
+/* daemon_metrics.h: figures of a running lightwelld: /metrics, /healthz, /readyz.
  * Flow:    frames [solver], the server's figures [loop] -> [daemon metrics] -> text -> monitoring
  * Threads: lw_daemon_metrics_frame() is [solver], pages are [loop]; a mutex is held for copies only. */
 #ifndef LW_DAEMON_METRICS_H
@@ -12,7 +12,7 @@
 
 #include <pthread.h>
 
-/** The passes whose times are told apart. */
+/** The passes with times of their own. */
 #define LW_DAEMON_METRICS_PASSES(X)                                                                          \
     X(pose) X(change) X(direct) X(probe) X(scatter) X(denoise) X(weld) X(levels) X(encode)
 

@@ -497,7 +497,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     return status;
 }
 
-/* It cannot say how far it is: lines say when it begins, and how long it took. */
+/* Its progress is not known. Lines report its begin and its time. */
 static enum lw_status filter(struct baker *b, struct lw_error *err) {
     struct lw_progress progress;
     lw_log(LW_LOG_INFO, "filtering the maps");

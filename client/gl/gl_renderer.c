@@ -116,7 +116,7 @@ struct lw_gl_renderer {
     GLuint lobes, ambient_maps;
     GLuint sky, show, empty_array;
     GLint sky_middle, sky_right, sky_up, sky_far, sky_colour, show_exposure, show_curve;
-    bool upside_down; /* depth is 1 at the eye and 0 far away, of which floats have most to tell */
+    bool upside_down; /* depth is 1 at the eye and 0 far away, where floats are most exact */
     float near_m;
 
     GLuint objects, object_buffer, instances, instance_buffer;

@@ -268,7 +268,7 @@ enum lw_status lw_load_report_print(const struct lw_load_options *options,
 
 /* ---- limits ---- */
 
-/* A time that nobody measured does not hold: a test that saw nothing has shown nothing. */
+/* A time without a measurement is no pass: a test without data shows nothing. */
 static bool check_time(const char *option, const struct lw_histogram *h, double max_ms) {
     double found_ms = quantile_ms(h, 0.99);
     if (max_ms == (double)INFINITY || (h->count && found_ms <= max_ms)) return true;

@@ -325,7 +325,7 @@ static struct lw_viewer_model_eye eye_of(const struct lw_load_session *s, uint64
 static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
     struct lw_load_figures *f = s->shared->figures;
     uint64_t since_ns = s->view_since_ns;
-    if (s->returns && !s->has_view) /* nobody can come back before the server does */
+    if (s->returns && !s->has_view) /* no user can connect before the server is back */
         since_ns = s->broke_ns > s->shared->run_began_ns ? s->broke_ns : s->shared->run_began_ns;
     struct lw_histogram *times = s->has_view ? &f->next_view : s->returns ? &f->served : &f->first_view;
     if (s->counts) lw_histogram_add(times, now_ns - since_ns);

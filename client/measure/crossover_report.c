@@ -55,8 +55,7 @@ static const char *coin_word(enum lw_measure_coin coin) {
     return coin == LW_MEASURE_COIN_FLIP ? "FLIP" : "relMSE";
 }
 
-/* Whether light that is a second late errs by so much more than this that a row tells moving light from
- * light that stands. */
+/* Whether light that is a second late has so much more error that the row tests moving light. */
 static bool tests_motion(const struct report *r, double error) {
     return isnan(r->a.late_error) || r->a.late_error >= LW_CROSSOVER_GATE_TIMES * error;
 }

@@ -309,7 +309,8 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
         uint32_t shown[LW_MEASURE_VIEWS], count = 1;
         const int index = judged_index(j, frame);
         if (frame == j->row->window) *out_warm_cpu_s = server_cpu_s(j) - began_cpu_s;
-        shown[0] = frame % LW_MEASURE_VIEWS; /* without judging too: the shown user sends his interest */
+        /* also where no picture is judged: the shown user sends an interest set */
+        shown[0] = frame % LW_MEASURE_VIEWS;
         for (uint32_t v = 0; index >= 0 && v < LW_MEASURE_VIEWS; v++) shown[v] = v, count = LW_MEASURE_VIEWS;
         status = step(j, frame, shown, count, frame >= j->row->window ? spent : NULL, err);
         for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_MEASURE_VIEWS; v++) {

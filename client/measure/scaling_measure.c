@@ -17,7 +17,7 @@
 #define WARM_S      1
 #define REAL_WARM_S 20 /* at most */
 #define REAL_MORE_S 4
-#define LAG_S       1.0 /* how late light is that tells whether a row tests motion */
+#define LAG_S       1.0 /* age of the light by which a row shows whether it tests motion */
 
 /* ---- before ---- */
 
@@ -299,8 +299,7 @@ enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, cons
         status = LW_OK; /* whatever the signal did to a side */
     }
     for (int s = 0; s < LW_SCALING_SIDES; s++) {
-        if (x->side[s].point_count &&
-            x->side[s].point[0].later) { /* the repeats that were to tell never came */
+        if (x->side[s].point_count && x->side[s].point[0].later) { /* the deciding repeats were never made */
             x->side[s].point_count = 0;
             x->target[0].best[s] = -1;
         }

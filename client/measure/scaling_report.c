@@ -190,8 +190,7 @@ static void print_head(const struct lw_scaling *x, FILE *f) {
             : " The first second is not measured.");
 }
 
-/* Whether the views tell moving light from light that stands: an error that light of a second ago has, too,
- * asks for no motion. */
+/* Whether the views test moving light. They do not if light of a second ago has the same error. */
 static void print_lag(const struct lw_scaling *x, FILE *f) {
     if (!isfinite(x->lag_error)) return;
     fprintf(f,

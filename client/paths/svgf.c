@@ -305,7 +305,7 @@ static void estimate_variance(const struct job *job, uint32_t x, uint32_t y) {
         }
     if (!(weights > 0)) return;
     const float mean = moment[0] / weights, variance = fmaxf(0, moment[1] / weights - mean * mean);
-    /* Few samples tell too little variance more often than too much: the shorter, the more is added. */
+    /* Few samples often underestimate variance: the shorter the history, the more is added. */
     const float count = centre->count > 1 ? centre->count : 1;
     svgf->light[0].variance[at] = variance / count * fmaxf(1, HISTORY_VERY_SHORT / count);
 }

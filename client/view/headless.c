@@ -88,7 +88,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
     return status;
 }
 
-/* A progress knows steps, we know how far we are. */
+/* Takes the steps up to `done`. */
 static void show_progress(struct lw_progress *progress, uint64_t done) {
     uint64_t so_far = atomic_load(&progress->done);
     lw_progress_step(progress, done > so_far ? done - so_far : 0);

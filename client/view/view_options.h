@@ -24,7 +24,7 @@ enum lw_view_wait {
     LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
 };
 
-/* Samples of a headless picture's pixels where nobody says. */
+/* Default samples of a headless picture's pixels. */
 #define LW_VIEW_SAMPLES_PER_PIXEL 16
 
 enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };

@@ -3,7 +3,7 @@
  * Threads: [any], to find and claim, many at a time. No other call runs beside a release, except that the
  * holder of an id may ask about this id.
  *
- * A scene has far more tiles of finer levels than anybody looks at. An array per tile has room for the ids,
+ * A scene has far more tiles of finer levels than are in use. An array per tile has room for the ids,
  * of which there are few; the names, which are many, are keys of a hash table. */
 #ifndef LW_COMMON_FINE_IDS_H
 #define LW_COMMON_FINE_IDS_H

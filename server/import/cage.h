@@ -18,7 +18,7 @@ struct lw_cage_desc {
     const char *environment;    /* may be read; or NULL */
     const char *output;         /* may be written: files of its folder, or a device or pipe */
     int kept[LW_CAGE_KEPT_MAX]; /* descriptors beside the first three; 0: none */
-    bool owner;                 /* as root: become the user whose the output's folder is */
+    bool owner;                 /* as root: become the owner of the output's folder */
     uint64_t memory_bytes;      /* address space; 0: as it is */
     uint64_t file_bytes;        /* largest file to write */
 };

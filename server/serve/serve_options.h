@@ -1,4 +1,4 @@
-/* serve_options.h: the options by which a program says where and to whom it serves, for all that do.
+/* serve_options.h: the options of addresses and access, for all programs that serve.
  * Flow:    command line -> [serve_options] -> lw_server_desc; ports of a server -> files, lines of the log
  * Threads: main() only. */
 #ifndef LW_SERVE_SERVE_OPTIONS_H

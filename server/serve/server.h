@@ -208,7 +208,7 @@ bool lw_server_set_outside(struct lw_server *server, const struct lw_server_outs
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);
-/** Stops in favour of a successor that has the sockets: the goodbye tells clients to come back after
+/** Stops in favour of a successor that has the sockets: the goodbye asks clients to connect again after
  * LW_SERVER_RELAY_MS. A signal in between reaches the successor. [any] */
 void lw_server_relay(struct lw_server *server);
 /** Copies the statistics, consistent among themselves. [any] */

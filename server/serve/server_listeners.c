@@ -33,8 +33,8 @@ static void on_spare_closed(uv_handle_t *handle) {
     for (int d = 0; d < LW_SERVER_ENDPOINTS; d++) drop_connection(server, &server->endpoint[d]);
 }
 
-/* libuv tells of no further connection before the last one was taken. Where there was no memory for it, it is
- * taken to be closed; another one beside it waits until the spare handle is closed. */
+/* libuv reports no further connection before the last one was accepted. Where there was no memory for it, it
+ * is taken to be closed; another one beside it waits until the spare handle is closed. */
 static void drop_connection(struct lw_server *server, struct lw_server_endpoint *endpoint) {
     if (!endpoint->is_held && !uv_is_closing((uv_handle_t *)&server->spare) &&
         uv_accept(endpoint->listener, (uv_stream_t *)&server->spare) == 0)

@@ -1,4 +1,4 @@
-/* service_notify.h: tells the service manager that started us how we are, by the protocol of sd_notify(3).
+/* service_notify.h: reports the program's state to its service manager, by the protocol of sd_notify(3).
  * Threads: [any].
  *
  * A datagram to the socket that $NOTIFY_SOCKET names is all there is to it: no library is needed for that. */

@@ -13,9 +13,9 @@
  * For C11 and C++11, and later ones. Units: metres, W/m^2, W/(m^2 sr), linear sRGB; right-handed, +Y up.
  * Matrices that are "row-major 3x4" transform columns: p' = m[.][0..2] p + m[.][3].
  *
- * Structs: one that begins with struct_size is told apart by it: set it to sizeof before the call. Later
- * versions add fields at the end; a library that is newer or older than the program reads and writes the
- * fields that both know. A field of 0 in a struct that you fill is the default.
+ * Structs: a struct that begins with struct_size has its version by that: set it to sizeof before the call.
+ * Later versions add fields at the end; a library that is newer or older than the program reads and writes
+ * the fields that both know. A field of 0 in a struct that you fill is the default.
  *
  * Errors: each function that can fail returns a status and puts one line for people into *err, which may be
  * NULL; its outputs stay as they were. LW_LIVE_USAGE is for a call that is wrong in itself: a NULL, a
@@ -36,7 +36,7 @@
 #if defined(__GNUC__)
 /** Marks what the library exports. */
 #define LW_LIVE_API __attribute__((visibility("default")))
-/** The result is a status: look at it. */
+/** The result is a status, to be checked. */
 #define LW_LIVE_CHECK __attribute__((warn_unused_result))
 #else
 #define LW_LIVE_API
@@ -136,8 +136,8 @@ LW_LIVE_API void lw_live_close(struct lw_live *live);
  * are none. The call in which the scene is complete reads it, which takes longer: the
  * atrium's 0.13 s. For every frame.
  *
- * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something
- * since the call before, and tells whether the session is alive.
+ * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms for something new since the last
+ * call, and returns whether the session is alive.
  * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY. Scene and
  * light stay readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again
  * cannot mend, and LW_LIVE_OTHER_SCENE, once: then go on polling, as after lw_live_open(). */
@@ -288,8 +288,8 @@ struct lw_live_mesh {
     uint32_t atlas_width;     /**< Texels of level 0; 0: no lightmap. */
     uint32_t atlas_height;    /**< Texels of level 0, backs included. */
     uint32_t back_offset;     /**< Added to v it gives the light of a triangle's back; 0: no backs. */
-    /** 3 per triangle, of its corners, for normal maps; NULL: none, or not yet. lw_live_tangent() tells what
-     * one means. */
+    /** 3 per triangle, of its corners, for normal maps; NULL: none, or not yet. lw_live_tangent() decodes
+     * one. */
     const uint16_t *tangent;
 };
 /** A mesh. */

@@ -213,7 +213,7 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     compose->finishes = find_finishes(compose);
     if (!compose->finishes) return;
     place_objects(compose);
-    /* without memory for it nothing is mirrored of the environment but what E tells */
+    /* without memory for it, surfaces mirror E alone and not the environment */
     if (lw_ambient_take(&compose->ambient, &compose->scene->environment) != LW_OK) return;
 }
 

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The scene as it was when somebody asked: its materials and sky change while tiles are taken in. */
+/* The scene at the time of the request: its materials and sky change while tiles are taken in. */
 struct world {
     struct lw_scene scene; /* all but materials is that of the stage */
     struct lw_material *material;

@@ -31,8 +31,8 @@ LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char
 /** A zeroed one is fine. Objects made in its context must be gone by then. */
 void lw_screen_close(struct lw_screen *screen);
 
-/** Calls somebody when the X server has gone, before the program ends with exit code 69: Xlib does not go on
- * without it. Other window systems tell by errors. */
+/** Sets a function that is called when the X server has gone, before the program ends with exit code 69, as
+ * Xlib cannot go on. Other window systems report it by errors. */
 void lw_screen_watch(struct lw_screen *screen, void (*lost)(void *context), void *context);
 
 /** Size of the window in pixels. Returns false where it has none at present. */

@@ -179,7 +179,7 @@ enum lw_status lw_window_input_take(struct lw_window *w, int wait_ms, struct lw_
         case SDL_WINDOWEVENT:
             if (event.window.event == SDL_WINDOWEVENT_FOCUS_LOST) {
                 capture(w, false);
-                memset(w->held, 0, sizeof w->held); /* nobody tells of their release */
+                memset(w->held, 0, sizeof w->held); /* their release is not reported */
             }
             resized |= event.window.event == SDL_WINDOWEVENT_SIZE_CHANGED;
             break;

@@ -11,8 +11,8 @@ struct lw_exposure {
     bool is_insecure; /* --insecure: then nothing has to */
 };
 
-/** Whether all addresses of a host, a name or an address, are this machine's own. One that is unknown counts
- * so: to listen on it will fail. */
+/** Whether all addresses of a host, a name or an address, are this machine's own. An unknown address counts
+ * as one of this machine, since to listen on it will fail. */
 bool lw_exposure_is_loopback(const char *host);
 
 /** Refuses an address of other machines without TLS and tokens. With --insecure it warns instead.

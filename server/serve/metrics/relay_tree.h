@@ -1,4 +1,4 @@
-/* relay_tree.h: the relays below a server, as they report themselves: who feeds whom.
+/* relay_tree.h: the relays below a server, by their own reports, each with its feeder.
  * Flow:    REPORT of each relay's session -> [relay_tree] -> /metrics, STATS; REPORT to the server above
  * Threads: lw_relay_tree_get() [any], all else [loop]. */
 #ifndef LW_SERVE_METRICS_RELAY_TREE_H
@@ -33,7 +33,7 @@ LW_MUST_CHECK enum lw_status lw_relay_tree_init(struct lw_relay_tree *tree);
 /** A zeroed one is fine. */
 void lw_relay_tree_finish(struct lw_relay_tree *tree);
 
-/** A name as reports have it: at most LW_MESSAGE_NAME_MAX characters, other ones than those of addresses as
+/** A name for reports: at most LW_MESSAGE_NAME_MAX characters. Characters that no address has become
  * underscores. */
 void lw_relay_tree_name(char dst[LW_MESSAGE_NAME_MAX + 1], const char *text);
 

@@ -1,4 +1,4 @@
-/* priority.h: in which order a session gets the tiles that it lacks: first those whose error shows most.
+/* priority.h: order in which a session gets the tiles that it lacks: by visible error, largest first.
  * Flow:    snapshots: how far each tile has moved -> [priority] -> order in which
  *          a session is sent what it lacks
  * Threads: [loop].

@@ -58,7 +58,7 @@ struct link {
     struct lw_tls_stream *stream;
     struct lw_blob *held; /* what the session said before TLS was ready */
     uint64_t overhead;    /* bytes of TLS that were no messages, counted so far; */
-    uint64_t sealed;      /* all but messages that came: a record that is half there will be one */
+    uint64_t sealed;      /* bytes but those of messages so far; half a record counts as a message's */
 };
 
 /* ---- writing ---- */

@@ -34,8 +34,8 @@ struct lw_session_peer lw_tcp_transport_peer(int socket);
 void lw_tcp_transport_set_options(int socket);
 /** Lets the system take what waits for it, LW_SERVER_QUEUE_MAX at least. */
 void lw_tcp_transport_push(int socket);
-/** Bytes that have come to it since it connected, and of these those that nobody has read. 0: the system does
- * not tell. */
+/** Bytes that have arrived since it connected, and the unread ones among them. 0: the system does not report
+ * it. */
 uint64_t lw_tcp_transport_came(int socket);
 size_t lw_tcp_transport_unread(int socket);
 /** Bytes in the socket that the peer's system has not taken. */

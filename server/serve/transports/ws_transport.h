@@ -3,7 +3,8 @@
  * Flow:    web_server <-> [ws_transport] <-> session
  * Threads: everything here is [loop].
  *
- * A session here controls by its token alone: any page that a user of this machine looks at could try to. */
+ * A session by a WebSocket may control by its token only, since any page in a browser of this machine could
+ * open one. */
 #ifndef LW_SERVE_TRANSPORTS_WS_TRANSPORT_H
 #define LW_SERVE_TRANSPORTS_WS_TRANSPORT_H
 
