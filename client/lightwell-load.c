@@ -3,7 +3,7 @@
 #include "client/load/load_options.h"
 #include "client/load/load_test.h"
 #include "client/measure/measure.h"
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -5,7 +5,7 @@ set(LW_SANITIZE "" CACHE STRING "Sanitizers for all of our code, e.g. address,un
 option(LW_FUZZ "Build the fuzzers with libFuzzer (clang); otherwise they replay their corpus" OFF)
 option(LW_COMPILE_ONLY "No program is run while others are built: for the warnings of one more compiler" OFF)
 option(LW_COVERAGE "Instrument for gcov" OFF)
-set(LW_INVARIANTS AUTO CACHE STRING "Checks of our own state (common/invariant.h): OFF, CHEAP, ALL, or AUTO: by the build type")
+set(LW_INVARIANTS AUTO CACHE STRING "Checks of our own state (common/base/invariant.h): OFF, CHEAP, ALL, or AUTO: by the build type")
 set_property(CACHE LW_INVARIANTS PROPERTY STRINGS AUTO OFF CHEAP ALL)
 
 if(NOT CMAKE_BUILD_TYPE)

@@ -7,7 +7,7 @@
 #ifndef LW_PROTO_FRAMING_H
 #define LW_PROTO_FRAMING_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -10,13 +10,13 @@
 #ifndef LW_PROTO_MESSAGE_H
 #define LW_PROTO_MESSAGE_H
 
+#include "common/base/token.h"
+#include "common/base/vec.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
 #include "common/tile/tile_channels.h"
-#include "common/token.h"
-#include "common/vec.h"
 #include "proto/framing.h"
 
 #define LW_MESSAGE_NAME_MAX             64u   /* bytes of a client's or server's name */

@@ -1,6 +1,6 @@
 #include "proto/nats_wire.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdarg.h>
 #include <stdio.h>

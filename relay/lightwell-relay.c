@@ -1,11 +1,11 @@
 /* lightwell-relay.c: a server without a solver: forwards the light of another server.
  * Threads: main is the loop of the server [loop]; relay.h has a thread that talks to the server above. They
  *          share the server's hand-over, nothing else. */
-#include "common/clock.h"
-#include "common/folders.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/options_config.h"
+#include "common/base/clock.h"
+#include "common/base/folders.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/options_config.h"
 #include "proto/nats_wire.h"
 #include "relay/relay.h"
 #include "relay/relay_metrics.h"

@@ -1,7 +1,7 @@
 #include "relay/nats_feed.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "common/nats/nats_link.h"
 #include "proto/message_reader.h"
 #include "relay/nats_fine.h"

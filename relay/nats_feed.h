@@ -10,8 +10,8 @@
 #ifndef LW_RELAY_NATS_FEED_H
 #define LW_RELAY_NATS_FEED_H
 
+#include "common/base/tls_trust_desc.h"
 #include "common/tile/atlas.h"
-#include "common/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 
 struct lw_nats_feed;

@@ -2,9 +2,9 @@
 
 #include "client/lib/client.h"
 #include "client/lib/link.h"
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "proto/nats_wire.h"
 #include "server/serve/admission/server_limits.h"
 

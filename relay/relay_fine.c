@@ -1,6 +1,6 @@
 #include "relay/relay_fine.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

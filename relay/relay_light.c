@@ -1,6 +1,6 @@
 #include "relay/relay_light.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/tile/tile_codec.h"

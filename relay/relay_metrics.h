@@ -4,7 +4,7 @@
 #ifndef LW_RELAY_METRICS_H
 #define LW_RELAY_METRICS_H
 
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 #include "relay/relay.h"
 
 struct lw_relay_metrics_state {

@@ -4,9 +4,9 @@
 #include "client/lib/interest.h"
 #include "client/lib/link.h"
 #include "client/lib/package_cache.h"
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "relay/nats_feed.h"
 
 #include <poll.h>

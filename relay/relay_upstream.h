@@ -7,7 +7,7 @@
 #define LW_RELAY_UPSTREAM_H
 
 #include "client/lib/access.h"
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 #include "proto/message.h"
 #include "relay/relay_light.h"
 

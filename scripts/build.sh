@@ -1,7 +1,7 @@
 #!/bin/bash
 # Configures and builds one preset: scripts/build.sh PRESET [TARGET...]
 # LW_JOBS sets how many compilers run at once (default: one per core). LW_WERROR=ON: warnings are errors.
-# LW_INVARIANTS says which checks of our own state are built in (common/invariant.h); unless set, AUTO: what
+# LW_INVARIANTS says which checks of our own state are built in (common/base/invariant.h); unless set, AUTO: what
 # users run has the cheap ones.
 set -euo pipefail
 cd "$(dirname "$0")/.."

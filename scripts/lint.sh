@@ -1,7 +1,7 @@
 #!/bin/bash
 # What compilers do not check: the arrows between folders, circles, unique stems, what documents name, and (--format) the layout
-# of the code. "lint.sh prose" alone counts lines of prose with a pattern that is hard to read, by file and by pattern, and
-# "lint.sh prose --list [FILE...]" prints these lines.
+# of the code. "lint.sh prose" alone counts lines of prose with a pattern that is hard to read, by file and by pattern,
+# "lint.sh prose --list [FILE...]" prints these lines, "lint.sh prose --draw SEED [FILE...]" twenty sentences at random.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -14,7 +14,7 @@ prose_of() {
     while [[ "${1:-}" = --* ]]; do
         options+=("$1")
         shift
-        if [ "${options[-1]}" = --limit ]; then options+=("$1") && shift; fi
+        if [[ "${options[-1]}" = --limit || "${options[-1]}" = --draw ]]; then options+=("$1") && shift; fi
     done
     if [ $# = 0 ]; then mapfile -t files < <(git ls-files '*.c' '*.h' '*.md' | grep -v '^docs/lab/crossover/'); else files=("$@"); fi
     scripts/prose.pl "${options[@]}" docs/architecture.md "${files[@]}"
@@ -42,6 +42,7 @@ forbid() {
 }
 
 forbid common '(proto|server|client|relay)/' 'common knows nobody'
+forbid common/base 'common/(builtin|image|light|lightmap|nats|open|scene|shading|tile|tls|trace)/' 'the base knows no other room'
 forbid common/scene 'common/(lightmap|builtin|open)/' 'the scene knows neither lightmaps nor builtin scenes'
 forbid proto '(server|client|relay)/' 'proto knows common alone'
 forbid server '(client|lightwell|relay)/' 'the server does not know the client'
@@ -135,13 +136,16 @@ parts='client/lib/draws client/lib/client
 client/lib/live_tiles client/lib/live
 client/lib/replica client/lib/client
 client/view/compose/compose_private client/view/compose/compose
+client/view/lights/direct_private client/view/lights/direct_pixels
+client/view/lights/direct_private client/view/lights/direct_tile
+client/view/window/window_private client/view/window/window
 common/light/light_kernels common/light/lights
 common/lightmap/lightmap_check common/lightmap/lightmap
 common/lightmap/lightmap_merge common/lightmap/lightmap_chart
 common/lightmap/lightmap_pack common/lightmap/lightmap
 common/lightmap/lightmap_shape common/lightmap/lightmap
 common/lightmap/lightmap_split common/lightmap/lightmap_chart
-common/options_manual common/options
+common/base/options_manual common/base/options
 server/import/foreign/foreign_import server/import/foreign/foreign
 server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
 server/serve/server_private server/serve/server
@@ -207,9 +211,8 @@ check_prose() {
 prose=$(git ls-files '*.md' | grep -v '^docs/lab/crossover/' | while read -r document; do check_prose "$document"; done)
 if [ -n "$prose" ]; then complain "documents:"$'\n'"$prose"; fi
 
-# Documents have at most 250 lines, so that one answers one question: what was measured has docs/lab, a format is whole, and
-# solve.md has yet to be cut.
-long=$(git ls-files '*.md' | grep -vE '^(docs/lab/.*|CHANGELOG\.md|docs/scene_package\.md|proto/wire_format\.md|docs/solve\.md)$' |
+# Documents have at most 250 lines, so that one answers one question: what was measured has docs/lab, and a format is whole.
+long=$(git ls-files '*.md' | grep -vE '^(docs/lab/.*|CHANGELOG\.md|docs/scene_package\.md|proto/wire_format\.md)$' |
     xargs wc -l | awk '$1 > 250 && $2 != "total" { print "    " $2 ": " $1 " lines, over 250" }')
 if [ -n "$long" ]; then complain "documents that are too long:"$'\n'"$long"; fi
 
@@ -307,7 +310,7 @@ if [ -z "$missing" ]; then
         for program in $programs 'lightwell-load scaling' 'lightwell-load crossover'; do $bin/$program --help; done
         sed -n '/^#/p' scripts/crossover.sh
     } | grep -oP -- '--[a-z][a-z-]*' | sort -u)
-    for document in README.md docs/{architecture,solve,solvers,change,serving,scaling,composing,limitations,running,access,changing,measuring,viewing,baking,importing,importing_gltf,importing_finish,importing_other,planning,units}.md; do
+    for document in README.md docs/{architecture,solve,solve_levels,solvers,change,serving,scaling,composing,limitations,running,access,changing,measuring,viewing,baking,importing,importing_gltf,importing_finish,importing_other,planning,units}.md; do
         unknown=$(sed 's/systemctl .*//; s/dpkg-buildpackage .*//; s/`systemd-analyze [^`]*`//' $document | grep -oP -- '(?<![\w-])--[a-z][a-z-]*' |
             sort -u | comm -23 - <(echo "$options") || true)
         if [ -n "$unknown" ]; then complain "$document: no program has ${unknown//$'\n'/, }"; fi

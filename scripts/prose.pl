@@ -1,6 +1,7 @@
 #!/usr/bin/perl
 # Counts lines of prose, comments of .c and .h and Markdown, that have a sentence pattern which is hard to read.
 #   prose.pl [--list] [--limit N] WORDS FILE...   counts by pattern and by file; --list: each line; over N lines: exit code 1
+#   prose.pl --draw SEED WORDS FILE...            prints twenty sentences of six words or more at random, to be judged by a reader
 #   prose.pl --self-test WORDS                    checks each pattern against its own sentences, bad and good
 # WORDS is the document with the table of words that are out: its heading is "Words that are out", a row's first cell has
 # the words in backticks, each a regular expression.
@@ -28,6 +29,7 @@ my @patterns = (
 
 my $self_test = @ARGV && $ARGV[0] eq '--self-test' && shift;
 my $list = @ARGV && $ARGV[0] eq '--list' && shift;
+my $seed = @ARGV && $ARGV[0] eq '--draw' && do { shift; shift };
 my $limit;
 if (@ARGV && $ARGV[0] eq '--limit') { shift; $limit = shift; }
 my $words = shift or die "prose.pl [--list] [--limit N] WORDS FILE...\n";
@@ -146,6 +148,25 @@ sub hits_of {
         push @hits, [$_->[0], 1 + (substr($content, 0, $at + $_->[1]) =~ tr/\n//)] for found($text);
     });
     return @hits;
+}
+
+if ($seed) {
+    my @drawn;
+    for my $path (@ARGV) {
+        my $content = slurp($path);
+        ($path =~ /\.md$/ ? \&paragraphs_of : \&comments_of)->($content, sub {
+            my ($text, $at) = @_;
+            while ($text =~ /\G\s*(.+?(?:[.!?](?=\s|$)|$))/gs) {
+                my ($sentence, $from) = ($1, $at + $-[1]);
+                $sentence =~ s/\s+/ /g;
+                next if (() = $sentence =~ /\b[[:alpha:]]{2,}\b/g) < 6 || $sentence =~ /^clang-format/;
+                push @drawn, "$path:" . (1 + (substr($content, 0, $from) =~ tr/\n//)) . ": $sentence\n";
+            }
+        });
+    }
+    srand $seed;
+    print splice @drawn, rand @drawn, 1 for 1 .. 20;
+    exit;
 }
 
 my (%by_pattern, %by_file, $total);

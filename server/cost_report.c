@@ -1,6 +1,6 @@
 #include "server/cost_report.h"
 
-#include "common/file_read.h"
+#include "common/base/file_read.h"
 
 #include <limits.h>
 #include <math.h>

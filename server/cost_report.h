@@ -4,7 +4,7 @@
 #ifndef LW_SERVER_COST_REPORT_H
 #define LW_SERVER_COST_REPORT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #define LW_COST_REPORT_MAX       16u        /* renderers and settings; further ones are left out */
 #define LW_COST_REPORT_BYTES_MAX (1u << 20) /* bytes of the file */

@@ -1,7 +1,7 @@
 #include "server/daemon.h"
 
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 #include "common/scene/scene_spares.h"
@@ -34,7 +34,7 @@ static enum lw_status choose_client_lights(struct lw_daemon *d, struct lw_error 
     return LW_OK;
 }
 
-/* Which objects' tiles say where light comes from. */
+/* Objects whose tiles have directions of light. */
 static enum lw_status choose_directional(struct lw_daemon *d, struct lw_error *err) {
     const struct lw_scene *scene = d->scene;
     uint32_t count = 0;
@@ -48,8 +48,8 @@ static enum lw_status choose_directional(struct lw_daemon *d, struct lw_error *e
     return LW_OK;
 }
 
-/* How many tiles of finer levels may be listed by clients, or held, at a time. Every session that reads such
- * remembers what it has of each. */
+/* Number of tiles of finer levels that clients may list, or the solver hold, at a time. Every session that
+ * reads such remembers what it has of each. */
 #define FINE_IDS_MIN 4096u
 
 static enum lw_status name_tiles(struct lw_daemon *d, struct lw_error *err) {

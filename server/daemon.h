@@ -5,9 +5,9 @@
 #ifndef LW_SERVER_DAEMON_H
 #define LW_SERVER_DAEMON_H
 
+#include "common/base/waiting.h"
 #include "common/light/client_lights.h"
 #include "common/scene/scene_state.h"
-#include "common/waiting.h"
 #include "server/daemon_memory.h"
 #include "server/daemon_metrics.h"
 #include "server/daemon_settings.h"

@@ -1,7 +1,7 @@
 #include "server/daemon_frames.h"
 
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "server/serve/service_notify.h"
 
 #include <errno.h>
@@ -135,7 +135,7 @@ static bool wants_something(const struct lw_daemon *d, const struct lw_server_in
     return wanted->everything;
 }
 
-/* Tells the solver what clients look at, if that has changed. */
+/* Gives the solver the interest set, if that has changed. */
 static enum lw_status follow_clients(struct lw_daemon *d, struct lw_error *err) {
     struct lw_server_interest wanted;
     if (d->settings.light != LW_DAEMON_LIGHT_SEEN || !lw_server_take_interest(d->server, &wanted))
@@ -148,8 +148,7 @@ static enum lw_status follow_clients(struct lw_daemon *d, struct lw_error *err) 
     return status;
 }
 
-/* While nobody looks, all of the scene is solved from the second frame on, until it has been for --prepare
- * seconds. */
+/* Without clients, all of the scene is solved from the second frame on, for --prepare seconds. */
 static enum lw_status prepare(struct lw_daemon *d, uint64_t frame, struct lw_error *err) {
     const struct lw_daemon_settings *s = &d->settings;
     const bool wanted = s->light == LW_DAEMON_LIGHT_SEEN && s->clock == LW_DAEMON_CLOCK_REAL &&
@@ -342,7 +341,7 @@ static enum lw_status run_frame(struct lw_daemon *d, uint64_t frame, bool *out_r
 
 /* ---- whether the solver makes progress ---- */
 
-/* What begins now is done within the limit, or the solver hangs. */
+/* A stage that begins now ends within the limit, or the solver hangs. */
 void lw_daemon_frames_expect(struct lw_daemon *d) {
     const double limit_s = d->settings.stall_s * (d->lit ? 1 : STALL_FIRST);
     d->solver_due_ns = lw_clock_ns() + (uint64_t)(limit_s * 1e9);

@@ -1,6 +1,6 @@
 #include "server/daemon_memory.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "common/tile/atlas.h"
 #include "server/solve/coarse_scene.h"
 #include "server/solve/memory_forecast.h"
@@ -12,14 +12,14 @@
 #define FINE_SHARE 32
 #define FINE_MAX   (768ull << 20)
 
-/* What such a tile takes, with its share of the publisher's; and of each layer of light. */
+/* Memory of such a tile, with its share of the publisher's, and of each layer of light. */
 #define FINE_TILE_BYTES  (128ull << 10)
 #define FINE_LAYER_BYTES (1ull << 20)
 #define FINE_TILES_MAX   4096u /* a session remembers what it has of each */
 
 /* Where level 0 is sparse, each of its texels takes bytes: as coarse light, and as it was sent. */
 #define READ_BYTES 64u
-/* With fewer tiles a single view would not have what it looks at. */
+/* With fewer tiles a single view would lack some of its own. */
 #define SPARSE_TILES_MIN 64u
 
 static double mb(uint64_t bytes) { return (double)bytes * 1e-6; }
@@ -29,7 +29,7 @@ static uint32_t count_fine(uint64_t bytes, uint64_t tile_bytes) {
     return count < FINE_TILES_MAX ? (uint32_t)count : FINE_TILES_MAX;
 }
 
-/* What a scene takes. */
+/* Memory of a scene. */
 struct need {
     double texels_m;    /* millions */
     uint64_t whole;     /* bytes of the light of all texels */
@@ -56,7 +56,7 @@ static const char *find_hindrance(const struct lw_daemon_settings *s, const stru
     return s->light == LW_DAEMON_LIGHT_SEEN ? NULL : "--light seen";
 }
 
-/* Whether a budget that somebody has given is enough. */
+/* Whether the budget of --memory is enough. */
 static enum lw_status check_budget(const struct lw_solver_desc *desc, const struct need *need,
                                    const char *hindrance, uint64_t memory, struct lw_error *err) {
     if (need->whole <= memory) return LW_OK;

@@ -1,6 +1,6 @@
 #include "server/daemon_metrics.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "server/serve/metrics/serve_metrics.h"
 
 #include <stdlib.h>
@@ -140,7 +140,7 @@ static void write_serve(struct lw_exposition *e, const struct lw_daemon_metrics_
     lw_serve_metrics_sessions(e, serve);
 }
 
-/* What a user would cost without this server, beside what one costs with it. */
+/* Cost of a user without this server, beside the cost with it. */
 static void write_renderers(struct lw_exposition *e, const struct lw_cost_report *report) {
     if (!report->count) return;
     lw_exposition_metric(

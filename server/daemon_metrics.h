@@ -1,10 +1,10 @@
-/* daemon_metrics.h: what a running lightwelld tells of itself: /metrics, /healthz, /readyz.
+/* daemon_metrics.h: figures of a running lightwelld: /metrics, /healthz, /readyz.
  * Flow:    frames [solver], the server's figures [loop] -> [daemon metrics] -> text -> monitoring
  * Threads: lw_daemon_metrics_frame() is [solver], pages are [loop]; a mutex is held for copies only. */
 #ifndef LW_DAEMON_METRICS_H
 #define LW_DAEMON_METRICS_H
 
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 #include "server/cost_report.h"
 #include "server/nats/nats_publisher.h"
 #include "server/publish/publisher.h"
@@ -12,7 +12,7 @@
 
 #include <pthread.h>
 
-/** The passes whose times are told apart. */
+/** The passes with times of their own. */
 #define LW_DAEMON_METRICS_PASSES(X)                                                                          \
     X(pose) X(change) X(direct) X(probe) X(scatter) X(denoise) X(weld) X(levels) X(encode)
 
@@ -41,7 +41,7 @@ struct lw_daemon_metrics {
     double started_s;                   /* since the Unix epoch */
 };
 
-/** What one frame was. */
+/** Figures of one frame. */
 struct lw_daemon_metrics_frame {
     uint64_t number, wall_ns, solve_cpu_ns, publish_cpu_ns;
     size_t changes;
@@ -49,7 +49,7 @@ struct lw_daemon_metrics_frame {
     const struct lw_publisher_stats *publish;
 };
 
-/** What pages say beside sums. */
+/** Figures of pages beside sums. */
 struct lw_daemon_metrics_state {
     bool is_lit;      /* there is light to send */
     bool is_stalled;  /* the solver makes no progress */
@@ -74,7 +74,7 @@ LW_MUST_CHECK enum lw_status lw_daemon_metrics_text(struct lw_daemon_metrics *me
                                                     const struct lw_server_stats *serve, char **out_text,
                                                     size_t *out_size);
 
-/** The page of a path; false: there is none. */
+/** Page of a path. Returns false if there is none. */
 bool lw_daemon_metrics_page(struct lw_daemon_metrics *metrics, const char *path,
                             const struct lw_daemon_metrics_state *state, const struct lw_server_stats *serve,
                             struct lw_server_page *out_page);

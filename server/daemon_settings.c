@@ -1,8 +1,8 @@
 #include "server/daemon_settings.h"
 
+#include "common/base/folders.h"
+#include "common/base/log.h"
 #include "common/builtin/builtin.h"
-#include "common/folders.h"
-#include "common/log.h"
 #include "server/publish/publisher.h"
 #include "server/solve/combinations.h"
 
@@ -16,10 +16,10 @@
 #define TARGET_ERROR 0.02f
 #define OPTIONS_MAX  128u
 
-/* What makes no sense in a file or in the environment; variables that clients read. */
+/* Options that make no sense in a file or in the environment, and variables that clients read. */
 static const char *const command_only[] = {"config", "check-config", "print-config", NULL};
 static const char *const client_variables[] = {"token", NULL};
-/* What SIGHUP cannot change: addresses, files and clocks that the operator relies on. */
+/* Options that SIGHUP cannot change: addresses, files and clocks that the operator relies on. */
 static const char *const fixed_keys[] = {"listen",
                                          "listen-unix",
                                          "port-file",
@@ -49,7 +49,7 @@ static uint32_t choices_of(const struct lw_daemon_settings *s) {
            (s->freeze ? LW_CHOICE_FREEZE : 0);
 }
 
-/* What one option alone does not tell. */
+/* Checks of several options together. */
 static enum lw_status check(struct lw_daemon_settings *s, struct lw_error *err) {
     enum lw_status status;
     if ((status = lw_solvers_find(s->solver, &s->entry, err)) != LW_OK) {

@@ -4,9 +4,9 @@
 #ifndef LW_SERVER_DAEMON_SETTINGS_H
 #define LW_SERVER_DAEMON_SETTINGS_H
 
+#include "common/base/options_config.h"
+#include "common/base/tls_trust_desc.h"
 #include "common/open/scene_open.h"
-#include "common/options_config.h"
-#include "common/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 #include "server/cost_report.h"
 #include "server/probe_options.h"

@@ -1,6 +1,6 @@
 #include "server/daemon_succession.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -115,7 +115,7 @@ void lw_daemon_succession_reload(void *context) {
     drop_next(d);
 }
 
-/* What follows d, which has served; NULL: nothing does. *out_left: the thread is still at work, and what it
+/* Successor of d, which has served, or NULL. *out_left: the thread is still at work, and what it
  * works on must stay. */
 struct lw_daemon *lw_daemon_succession_take(struct lw_daemon *d, bool served, bool *out_left) {
     struct lw_daemon_succession *u = &d->succession;

@@ -14,7 +14,7 @@
  * of the log, and leaves the daemon as it is. */
 void lw_daemon_succession_reload(void *context);
 
-/** Returns the daemon that follows one that has served; NULL: none does.
+/** Returns the daemon that follows one that has served, or NULL.
  * *out_left: the thread is still at work, so that its data must stay. */
 struct lw_daemon *lw_daemon_succession_take(struct lw_daemon *daemon, bool served, bool *out_left);
 

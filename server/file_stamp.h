@@ -1,4 +1,4 @@
-/* file_stamp.h: tells whether a file is another one than before, without reading it.
+/* file_stamp.h: detects that a file has been replaced or changed, without reading it.
  * Threads: [any]. */
 #ifndef LW_SERVER_FILE_STAMP_H
 #define LW_SERVER_FILE_STAMP_H

@@ -1,18 +1,18 @@
 /* lightwell-bake.c: the solver used offline: lightmaps as files, for any engine.
  * Flow:    options -> scene -> solver -> frames until there is enough light -> EXRs, .glb, index.json
  * Threads: main; the solver's own workers inside a frame. */
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/options.h"
+#include "common/base/progress.h"
+#include "common/base/wait_policy.h"
 #include "common/builtin/builtin.h"
-#include "common/interrupt.h"
 #include "common/light/client_lights.h"
 #include "common/lightmap/lightmap.h"
-#include "common/log.h"
 #include "common/open/scene_open.h"
-#include "common/options.h"
-#include "common/progress.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
-#include "common/wait_policy.h"
 #include "server/bake/bake.h"
 #include "server/bake/bake_memory.h"
 #include "server/bake/glb_scene.h"
@@ -99,7 +99,7 @@ static const struct lw_interrupt_phase writing = {.answer = "the maps are lit, a
 
 /* ---- options ---- */
 
-/* What decides a solver's samples. */
+/* Options that decide a solver's samples. */
 static struct lw_solver_desc solver_desc(const struct settings *s) {
     return (struct lw_solver_desc){.bounces = (uint32_t)s->bounces,
                                    LW_PROBE_OPTIONS_DESC(&s->probes),
@@ -351,8 +351,8 @@ static int print_hash(char *text, size_t size, int length, uint8_t *bytes, size_
     return length;
 }
 
-/* What decides a sample's value. What only says when to stop is left out: a bake that was stopped may aim
- * higher. */
+/* Options that decide a sample's value. Options that decide when to stop are left out: a bake that continues
+ * may have another target. */
 static enum lw_status make_key(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
     uint8_t *package;
@@ -497,7 +497,7 @@ static enum lw_status set_up_solver(struct baker *b, struct lw_error *err) {
     return status;
 }
 
-/* It cannot say how far it is: lines say when it begins, and how long it took. */
+/* Its progress is not known. Lines report its begin and its time. */
 static enum lw_status filter(struct baker *b, struct lw_error *err) {
     struct lw_progress progress;
     lw_log(LW_LOG_INFO, "filtering the maps");

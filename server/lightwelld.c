@@ -1,10 +1,10 @@
 /* lightwelld.c: the daemon. Reads a scene, lights it frame by frame in one thread, serves it from another.
  * Threads: main is the loop [loop]; see daemon.h. */
-#include "common/clock.h"
-#include "common/interrupt.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/wait_policy.h"
 #include "common/trace/trace.h"
-#include "common/wait_policy.h"
 #include "server/daemon_frames.h"
 #include "server/daemon_succession.h"
 #include "server/serve/service_notify.h"
@@ -121,7 +121,7 @@ static void tell_client_lights(const struct lw_daemon *d) {
     lw_log(LW_LOG_INFO, "clients draw the direct light of %s, if they can", text);
 }
 
-/* What to set, if that was too little memory. */
+/* Advice, after too little memory. */
 static void explain_memory(const struct lw_daemon *d, struct lw_error *err) {
     uint64_t texels = 0, triangles = 0;
     struct rusage usage;

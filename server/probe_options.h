@@ -3,7 +3,7 @@
 #ifndef LW_SERVER_PROBE_OPTIONS_H
 #define LW_SERVER_PROBE_OPTIONS_H
 
-#include "common/options.h"
+#include "common/base/options.h"
 #include "server/solve/solver.h"
 
 #include <math.h>
@@ -14,7 +14,8 @@ struct lw_probe_options {
     int form;                            /* enum lw_probe_form_kind */
 };
 
-/** The rows of an option table (common/options.h) that fill these settings. probes: a pointer to them. */
+/** The rows of an option table (common/base/options.h) that fill these settings.
+ * probes  a pointer to them */
 /* clang-format off */
 #define LW_PROBE_OPTIONS(probes)                                                                            \
     {"tracing-range", "METRES", "bounce rays longer than this ask the probes; inf asks none (default inf)", \

@@ -55,7 +55,7 @@ static inline struct lw_vec3 lw_camera_direction(const struct lw_camera_plane *p
     return lw_vec3_mad(across, plane->up, plane->half_height - y);
 }
 
-/** Where that ray starts. */
+/** Origin of that ray. */
 static inline struct lw_vec3 lw_camera_origin(const struct lw_camera_plane *plane, float x, float y) {
     struct lw_vec3 across = lw_vec3_mad(plane->eye, plane->across, x - plane->half_width);
     return lw_vec3_mad(across, plane->along, plane->half_height - y);

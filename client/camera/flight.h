@@ -25,7 +25,7 @@ void lw_flight_turn(struct lw_flight *flight, float right, float up);
  * speed. */
 void lw_flight_move(struct lw_flight *flight, float right, float up, float forward, float seconds);
 
-/** The same for one who walks: forward is level, whatever the pitch. */
+/** The same for a walk: forward is level at any pitch. */
 void lw_flight_walk(struct lw_flight *flight, float right, float forward, float seconds);
 
 /** Goes some way along the view; m, negative: back. */

@@ -28,7 +28,7 @@ struct lw_place_point lw_place_point(const struct lw_place *place, const struct 
                                      const struct lw_hit16 *hits, unsigned i,
                                      const struct lw_surface *surface);
 
-/** How the surface of such a point scatters light, seen along a ray. */
+/** Lobes of the surface at such a point, seen along a ray. */
 struct lw_place_gloss {
     struct lw_vec3 plain;         /* the point's normal. Light from below it gives nothing */
     struct lw_vec3 normal;        /* with its bumps, bent towards the eye (shading_bend.h): the lobes' */

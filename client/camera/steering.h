@@ -21,7 +21,7 @@ struct lw_steering {
     bool standing;    /* the eye is at its height */
 };
 
-/** The distance along a ray to what it meets; INFINITY: nothing.
+/** Distance along a ray to the surface that it meets; INFINITY: none.
  * direction   of any length; the distance is in units of it */
 float lw_steering_reach(const struct lw_trace *trace, struct lw_vec3 from, struct lw_vec3 direction);
 
@@ -31,8 +31,8 @@ float lw_steering_reach(const struct lw_trace *trace, struct lw_vec3 from, struc
 void lw_steering_start(struct lw_steering *steering, const struct lw_camera_view *view, float size_m,
                        float high_m);
 
-/** Another way to move. Orbit turns about what the middle of the picture shows now; where that is nothing,
- * about a point as far away as the scene is large (fallback_m). */
+/** Another way to move. Orbit turns about the point in the middle of the picture. Where there is no surface,
+ * it turns about a point as far away as the scene is large (fallback_m). */
 void lw_steering_set(struct lw_steering *steering, enum lw_steering_mode mode, const struct lw_trace *trace,
                      float fallback_m);
 

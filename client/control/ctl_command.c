@@ -1,7 +1,7 @@
 #include "client/control/ctl_command.h"
 
 #include "client/control/ctl_names.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/scene/pose.h"
 
 #include <stdlib.h>
@@ -273,7 +273,7 @@ static enum lw_status set_vector(const struct call *c, enum lw_scene_change_kind
     return set_values(c, kind, (float[]){v.x, v.y, v.z}, 3);
 }
 
-/* What shines: of a light its intensity, of a material its emission. */
+/* Emitted light: a light's intensity, a material's emission. */
 struct shine {
     enum lw_scene_change_kind kind; /* the one that changes it */
     struct lw_vec3 *now, own;       /* own: as the scene has it */

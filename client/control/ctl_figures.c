@@ -1,6 +1,6 @@
 #include "client/control/ctl_figures.h"
 
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -83,7 +83,7 @@ static double frames(const struct lw_ctl_figures *f) {
     return lw_ctl_figures_get(f, "lightwell_frame_duration_seconds_count");
 }
 
-/* "no: looking inside objects, 42 %". A server of before has no such figure. */
+/* "no: looking inside objects, 42 %". An older server has no such figure. */
 static void put_ready(struct writer *w, const struct lw_ctl_figures *f) {
     const uint32_t stage = (uint32_t)fmax(lw_ctl_figures_get(f, "lightwell_waiting_stage"), 0);
     char waiting[LW_WAITING_LINE_SIZE];

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_CTL_FIGURES_H
 #define LW_CLIENT_CTL_FIGURES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -58,7 +58,7 @@ unsigned lw_ctl_names_distance(const char *a, const char *b) {
     return row[nb];
 }
 
-/* How far a name is from the text that was asked for; 1 for one that contains it. */
+/* Edit distance of a name from the text; 1 for a name that contains it. */
 static unsigned apart(const char *name, const char *text) {
     if (*text && strcasestr(name, text)) return 1;
     return lw_ctl_names_distance(name, text);

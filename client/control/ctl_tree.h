@@ -1,4 +1,4 @@
-/* ctl_tree.h: a server and the relays below it, for people: who feeds whom, and how each does.
+/* ctl_tree.h: a server and the relays below it, for people: the feeder and the state of each.
  * Flow:    REPORT's figures, twice -> [ctl_tree] -> lines, or JSON
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_CTL_TREE_H

@@ -4,10 +4,10 @@
 #include "client/control/ctl_names.h"
 #include "client/control/ctl_tree.h"
 #include "client/lib/package_cache.h"
-#include "common/clock.h"
-#include "common/folders.h"
-#include "common/log.h"
-#include "common/options.h"
+#include "common/base/clock.h"
+#include "common/base/folders.h"
+#include "common/base/log.h"
+#include "common/base/options.h"
 #include "proto/message.h"
 
 #include <inttypes.h>

@@ -4,7 +4,7 @@
 #include "client/gl/gl_rgb10.h"
 #include "client/gl/gl_rgb9e5.h"
 #include "client/gl/gl_texture.h"
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -212,7 +212,7 @@ static bool is_same(const struct call *c, const struct lw_gl_fine_slot *s) {
     return lw_atlas_map_is_used(c->fine->map, id) && lw_atlas_map_name(c->fine->map, id) == s->name;
 }
 
-/* A share that turns moves from the next call on: nobody has drawn since the last call. */
+/* A share that turns round moves from the next call on, since no picture was drawn after the last call. */
 static void fade(const struct call *c, struct lw_gl_fine_slot *s, bool stays) {
     const float step = stays == s->leaves && c->take->now_ns ? 0 : c->step;
     s->leaves = !stays;

@@ -46,7 +46,7 @@ struct lw_gl_fine_tiles {
     uint64_t uploaded; /* tiles, so far */
 };
 
-/** What lw_gl_fine_tiles_take() goes by. */
+/** Input of lw_gl_fine_tiles_take(). */
 struct lw_gl_fine_tiles_take {
     const struct lw_compose_source *source;
     bool unfiltered;    /* as of lw_compose_desc */
@@ -72,7 +72,7 @@ void lw_gl_fine_tiles_finish(struct lw_gl_fine_tiles *fine);
  * whether a word has changed. */
 bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take);
 
-/** A survey begins: what it finds is wanted more than what former ones found. */
+/** Begins a survey. The tiles that it finds have priority over those of earlier surveys. */
 void lw_gl_fine_tiles_survey(struct lw_gl_fine_tiles *fine);
 /** A survey has found a tile, of any level. */
 void lw_gl_fine_tiles_want(struct lw_gl_fine_tiles *fine, lw_tile_id tile);

@@ -4,7 +4,7 @@
 #include "client/gl/gl_rgb10.h"
 #include "client/gl/gl_rgb9e5.h"
 #include "client/gl/gl_texture.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -6,9 +6,9 @@
  * Levels 0, 1 and 2 of an atlas are the mip levels of one place in a page, so that a look-up there needs no
  * table; coarser ones, which stand in for those until they arrive, have places of their own.
  *
- * Which level a point is read at is the composer's rule (client/view/compose/compose.h). The part of it that
- * depends on the arrived tiles and on their noise is worked out here, a word for each tile: a point asks the
- * tile of the level that its pixel needs, and reads the level that the word names. */
+ * The level at which a point is read follows the composer's rule (client/view/compose/compose.h). The part of
+ * it that depends on the arrived tiles and on their noise is worked out here, a word for each tile: a point
+ * asks the tile of the level that its pixel needs, and reads the level that the word names. */
 #ifndef LW_CLIENT_GL_LIGHT_H
 #define LW_CLIENT_GL_LIGHT_H
 
@@ -62,7 +62,7 @@ void lw_gl_light_finish(struct lw_gl_light *light);
 void lw_gl_light_take(struct lw_gl_light *light, const struct lw_compose_source *source, uint32_t tiles_max,
                       uint64_t now_ns);
 
-/** Where an object's light is, for the shaders: four words, as their v_atlas. */
+/** Place of an object's light, for the shaders: four words, as their v_atlas. */
 void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,
                        uint32_t out_words[4]);
 

@@ -2,7 +2,7 @@
 
 #include "client/gl/gl_program.h"
 #include "client/gl/gl_texture.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -5,7 +5,7 @@
 #ifndef LW_CLIENT_GL_OFFSCREEN_H
 #define LW_CLIENT_GL_OFFSCREEN_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 struct lw_gl_offscreen;
 

@@ -3,7 +3,7 @@
 #ifndef LW_CLIENT_GL_PROGRAM_H
 #define LW_CLIENT_GL_PROGRAM_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <epoxy/gl.h>
 

@@ -27,7 +27,7 @@
 #define LOBE_STEPS   128 /* steps of the table of lobes, by angle and by roughness: the nearest is read */
 #define OBJECT_WORDS 16u /* an object on the GPU: three rows of a transform, its atlas */
 
-/* What a batch's program is made of. */
+/* Key of a batch's program. */
 enum variant {
     VARIANT_BASE = 1,
     VARIANT_GLOW = 2,
@@ -116,7 +116,7 @@ struct lw_gl_renderer {
     GLuint lobes, ambient_maps;
     GLuint sky, show, empty_array;
     GLint sky_middle, sky_right, sky_up, sky_far, sky_colour, show_exposure, show_curve;
-    bool upside_down; /* depth is 1 at the eye and 0 far away, of which floats have most to tell */
+    bool upside_down; /* depth is 1 at the eye and 0 far away, where floats are most exact */
     float near_m;
 
     GLuint objects, object_buffer, instances, instance_buffer;
@@ -436,7 +436,7 @@ static enum lw_status make_lobes(struct lw_gl_renderer *r, struct lw_error *err)
     return LW_OK;
 }
 
-/* What shaders of finishes look up. */
+/* Tables for the shaders of finishes. */
 static enum lw_status make_tables(struct lw_gl_renderer *r, struct lw_error *err) {
     glActiveTexture(GL_TEXTURE0);
     enum lw_status status = make_lobes(r, err);
@@ -547,7 +547,7 @@ struct view {
     unsigned variant;
 };
 
-/* How far along the view anything is that is not behind the eye. */
+/* Largest distance along the view of a surface before the eye. */
 static float depth_of(const struct lw_gl_renderer *r, const struct lw_camera_view *camera) {
     float depth = 1;
     for (unsigned k = 0; k < 8; k++) {
@@ -640,7 +640,7 @@ static int near_first(const void *a, const void *b) {
 
 static int far_first(const void *a, const void *b) { return near_first(b, a); }
 
-/* How far the middle of an object is, for the order of blending. */
+/* Distance of an object's middle, for the order of blending. */
 static float middle_distance(const struct view *v, const struct object *object) {
     const struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(object->low, object->high), 0.5f);
     const struct lw_vec3 away = lw_vec3_sub(middle, v->eye);
@@ -807,7 +807,7 @@ static unsigned shadow_variant(unsigned variant) {
     return VARIANT_SHADOW | (variant & holes ? variant & (holes | looks) : 0);
 }
 
-/* Which tiles are wanted is asked of all objects. */
+/* Surveys read finer levels of all objects. */
 static bool reads_fine(const struct lw_gl_renderer *r, unsigned variant, const struct draw *d) {
     return d->fine || (variant & (VARIANT_FEEDBACK | VARIANT_SHOWN) && r->light.fine.pool);
 }

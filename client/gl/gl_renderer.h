@@ -4,10 +4,10 @@
  *          needs
  * Threads: that of the context, which must be current in each call.
  *
- * What it draws is the composer's picture (client/view/compose/compose.h), whose rays are the reference, but
+ * It draws the composer's picture (client/view/compose/compose.h), whose rays are the reference, but
  * that BLEND surfaces are blended by the distance of their instances' boxes, farthest first, each in the
- * order of its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most, those
- * that give most where the eye is. */
+ * order of its triangles, and that shadows come from maps. It draws LW_GL_LIGHTS_MAX lights at most: the
+ * brightest at the eye. */
 #ifndef LW_CLIENT_GL_RENDERER_H
 #define LW_CLIENT_GL_RENDERER_H
 
@@ -31,7 +31,7 @@ struct lw_gl_renderer_desc {
     const struct lw_pose *pose;
 };
 
-/** What desc points to must outlive it. A context of OpenGL 3.3 core or later must be current.
+/** The objects that desc points to must outlive it. A context of OpenGL 3.3 core or later must be current.
  * Errors: LW_NO_MEMORY, of the GPU too; LW_UNAVAILABLE for what the GPU or its driver does not take. */
 LW_MUST_CHECK enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
                                                    struct lw_gl_renderer **out_renderer,
@@ -74,8 +74,7 @@ void lw_gl_renderer_show(struct lw_gl_renderer *renderer, unsigned frame, enum l
 LW_MUST_CHECK enum lw_status lw_gl_renderer_meter(struct lw_gl_renderer *renderer, float *out_stops,
                                                   struct lw_error *err);
 
-/** Finds the tiles that a view needs, from a small picture of it, and what share of it they are; waits for
- * the GPU.
+/** Finds the tiles that a view needs, and their shares of it, from a small picture. Waits for the GPU.
  * out_needed   a byte for each tile, as of lw_compose_needed(): set, never cleared
  * out_shown    for each tile: its share of light, summed over the small picture's pixels, 256 a pixel; added
  *              to
@@ -92,7 +91,7 @@ bool lw_gl_renderer_is_software(void);
 /** Name of what draws, as the driver gives it. */
 const char *lw_gl_renderer_name(const struct lw_gl_renderer *renderer);
 
-/** What the last picture took. */
+/** Costs of the last picture. */
 struct lw_gl_renderer_figures {
     uint32_t draw_calls, objects; /* in the last picture */
     uint32_t fine_tiles;          /* tiles of finer levels that pictures may read now */

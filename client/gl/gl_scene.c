@@ -11,7 +11,7 @@
 
 #define ANISOTROPY 8.0f
 
-/* How the vertices of a mesh lie: interleaved, with the attributes that it has. */
+/* Layout of a mesh's vertices: its attributes, interleaved. */
 struct layout {
     size_t stride, at[LW_GL_ATTRIBUTES]; /* bytes; at: 0 where absent, but of the position */
 };

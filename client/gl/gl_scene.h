@@ -38,9 +38,9 @@ struct lw_gl_mesh {
     uint32_t vertex_count;    /* on the GPU: one for each tangent of a vertex */
 };
 
-/* The normal map of a material and its surface in one texture: x and y of the normal, roughness, and what
- * else of the surface differs from texel to texel, occlusion or metalness. Made where both are of one size,
- * read at the same places, and no mesh with the material lacks tangents. */
+/* The normal map of a material and its surface in one texture: x and y of the normal, roughness, and
+ * occlusion or metalness, whichever differs from texel to texel. It is made where both maps have one size and
+ * one placement, and all meshes with the material have tangents. */
 struct lw_gl_maps {
     GLuint packed;   /* 0: there is none */
     bool shared;     /* another material's */

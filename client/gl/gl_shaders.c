@@ -213,7 +213,7 @@ const char lw_gl_shaders_scene_fragment[] =
     "#ifdef FINE\n" /* gl_fine_tiles.h */
     "uniform sampler2DArray u_fine;\n"
     "uniform float u_fine_levels;\n"
-    /* How many times finer than level 0 as a power of two: the other half of compose.c's level_for(). */
+    /* Number of doublings over level 0: the other half of compose.c's level_for(). */
     "int finer_for() {\n"
     "    return int(clamp(-0.25 * log2(g_texels) - log2(FINE_PIXELS), 0.0, u_fine_levels));\n"
     "}\n"

@@ -18,7 +18,7 @@ void lw_gl_texture_table(GLenum format, size_t size_bytes, const void *data, GLu
  * `kind`, GL_TEXTURE_2D or GL_TEXTURE_2D_ARRAY; the caller gives it texels. */
 void lw_gl_texture_smooth(GLenum kind, GLuint *out_texture);
 
-/** How a texture keeps texels, and how they are handed over. */
+/** Formats of texels in a texture, and as they are uploaded. */
 struct lw_gl_texels {
     GLint kept;
     GLenum format, type;

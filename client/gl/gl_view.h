@@ -1,4 +1,5 @@
-/* gl_view.h: the renderer for the viewer: pictures of what a stage's client has received, and what they need.
+/* gl_view.h: the viewer's renderer: pictures of the light that a stage's client has received, and their
+ * interest sets.
  * Flow:    stage -> [gl_view] -> headless and window; what the picture needs -> stage's composer -> INTEREST
  * Threads: that of the context. */
 #ifndef LW_CLIENT_GL_VIEW_H

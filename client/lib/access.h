@@ -5,8 +5,8 @@
 #define LIGHTWELL_ACCESS_H
 
 #include "client/lib/tls_trust.h"
-#include "common/options.h"
-#include "common/token.h"
+#include "common/base/options.h"
+#include "common/base/token.h"
 
 #define LW_ACCESS_UNIX "unix:" /* begins a host that is the path of a Unix socket */
 

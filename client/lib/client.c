@@ -7,9 +7,9 @@
 #include "client/lib/package_cache.h"
 #include "client/lib/replica.h"
 #include "client/lib/servers.h"
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/random.h"
 
 #include <assert.h>
 #include <stdio.h>

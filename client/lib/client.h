@@ -16,10 +16,10 @@
 #define LIGHTWELL_CLIENT_H
 
 #include "client/lib/access.h"
+#include "common/base/waiting.h"
 #include "common/scene/scene.h"
 #include "common/scene/scene_change.h"
 #include "common/tile/atlas.h"
-#include "common/waiting.h"
 
 struct lw_client;
 

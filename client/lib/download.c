@@ -1,6 +1,6 @@
 #include "client/lib/download.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <inttypes.h>
 #include <stdlib.h>

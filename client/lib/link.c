@@ -2,9 +2,9 @@
 
 #include "client/lib/access.h"
 #include "client/lib/tls_trust.h"
-#include "common/clock.h"
-#include "common/control_path.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/control_path.h"
+#include "common/base/invariant.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

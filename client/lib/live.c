@@ -2,8 +2,8 @@
 #include "client/lib/live_scene.h"
 #include "client/lib/live_state.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "common/tile/tile_channels.h"
 
 #include <errno.h>

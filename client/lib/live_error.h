@@ -6,7 +6,7 @@
 #define LIGHTWELL_LIVE_ERROR_H
 
 #include "client/include/lightwell/lightwell.h"
-#include "common/status.h"
+#include "common/base/status.h"
 
 /** Fills in an error; err may be NULL. */
 enum lw_live_status lw_live_fail(struct lw_live_error *err, enum lw_live_status status, const char *format,

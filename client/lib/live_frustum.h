@@ -4,7 +4,7 @@
 #define LIGHTWELL_LIVE_FRUSTUM_H
 
 #include "client/include/lightwell/lightwell.h"
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 #include <stdbool.h>
 

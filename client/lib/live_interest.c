@@ -1,6 +1,6 @@
 #include "client/lib/live_interest.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <float.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 #include "client/lib/live_scene.h"
 
 #include "client/lib/live_error.h"
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "common/shading/tangent.h"
 
 #include <float.h>

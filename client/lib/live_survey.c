@@ -1,7 +1,7 @@
 #include "client/lib/live_survey.h"
 
-#include "common/colour.h"
-#include "common/invariant.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
 #include "common/tile/bilinear.h"
 #include "common/tile/fine_choice.h"
 

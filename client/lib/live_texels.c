@@ -1,6 +1,6 @@
 #include "client/lib/live_error.h"
 #include "client/lib/live_state.h"
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "common/tile/texel_format.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 #include "client/lib/live_tiles.h"
 
 #include "client/lib/live_error.h"
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

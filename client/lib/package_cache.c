@@ -1,9 +1,9 @@
 #include "client/lib/package_cache.h"
 
-#include "common/atomic_file.h"
-#include "common/cache_folder.h"
-#include "common/file_read.h"
-#include "common/log.h"
+#include "common/base/atomic_file.h"
+#include "common/base/cache_folder.h"
+#include "common/base/file_read.h"
+#include "common/base/log.h"
 
 #include <stdlib.h>
 #include <string.h>

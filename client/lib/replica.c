@@ -1,7 +1,7 @@
 #include "client/lib/replica.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "common/scene/finish_package.h"
 #include "common/tile/tile_codec.h"
 

@@ -1,7 +1,7 @@
 #include "client/lib/servers.h"
 
-#include "common/invariant.h"
-#include "common/options.h"
+#include "common/base/invariant.h"
+#include "common/base/options.h"
 
 #include <stdlib.h>
 #include <string.h>

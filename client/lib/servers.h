@@ -5,7 +5,7 @@
 #ifndef LIGHTWELL_SERVERS_H
 #define LIGHTWELL_SERVERS_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,6 +1,6 @@
 #include "client/lib/tls_trust.h"
 
-#include "common/secret_file.h"
+#include "common/base/secret_file.h"
 #include "common/tls/tls_stream.h"
 
 #include <openssl/err.h>

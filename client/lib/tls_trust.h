@@ -4,8 +4,8 @@
 #ifndef LIGHTWELL_TLS_TRUST_H
 #define LIGHTWELL_TLS_TRUST_H
 
-#include "common/status.h"
-#include "common/tls_trust_desc.h"
+#include "common/base/status.h"
+#include "common/base/tls_trust_desc.h"
 
 struct ssl_ctx_st; /* OpenSSL's SSL_CTX */
 

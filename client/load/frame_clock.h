@@ -5,7 +5,7 @@
 #ifndef LW_CLIENT_LOAD_FRAME_CLOCK_H
 #define LW_CLIENT_LOAD_FRAME_CLOCK_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_LOAD_LOAD_FIGURES_H
 #define LW_CLIENT_LOAD_LOAD_FIGURES_H
 
-#include "common/histogram.h"
+#include "common/base/histogram.h"
 
 #include <stdbool.h>
 

@@ -1,7 +1,7 @@
 #include "client/load/load_options.h"
 
+#include "common/base/options.h"
 #include "common/open/scene_open.h"
-#include "common/options.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -12,7 +12,7 @@
 #define SLOW_KBPS_MAX    1e6
 #define MILLISECONDS_MAX 1e6
 
-/* What the table fills and nobody else sees. */
+/* Values of the table that are used here alone. */
 struct raw {
     struct lw_access_options access;
     const char *address, *reader;

@@ -1,6 +1,6 @@
 #include "client/load/load_report.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <errno.h>
 #include <inttypes.h>
@@ -43,7 +43,7 @@ static uint64_t fault_count(const struct lw_load_report *r) {
     return sum;
 }
 
-/* What 99 % of the users get at least. */
+/* Rate that 99 % of the users reach. */
 static double frames_hz_of_most(const struct lw_load_report *r) {
     return 1e-3 * (double)lw_histogram_quantile(&r->figures.rate_mhz, 0.01);
 }
@@ -268,7 +268,7 @@ enum lw_status lw_load_report_print(const struct lw_load_options *options,
 
 /* ---- limits ---- */
 
-/* A time that nobody measured does not hold: a test that saw nothing has shown nothing. */
+/* A time without a measurement is no pass: a test without data shows nothing. */
 static bool check_time(const char *option, const struct lw_histogram *h, double max_ms) {
     double found_ms = quantile_ms(h, 0.99);
     if (max_ms == (double)INFINITY || (h->count && found_ms <= max_ms)) return true;

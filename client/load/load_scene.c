@@ -2,7 +2,7 @@
 
 #include "client/lib/download.h"
 #include "client/lib/link.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <stdlib.h>
 #include <string.h>

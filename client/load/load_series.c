@@ -1,6 +1,6 @@
 #include "client/load/load_series.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <errno.h>
 #include <inttypes.h>

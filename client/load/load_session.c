@@ -1,8 +1,8 @@
 #include "client/load/load_session.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 #include "proto/message_reader.h"
 
 #include <assert.h>
@@ -328,7 +328,7 @@ static struct lw_viewer_model_eye eye_of(const struct lw_load_session *s, uint64
 static void complete_view(struct lw_load_session *s, uint64_t now_ns) {
     struct lw_load_figures *f = s->shared->figures;
     uint64_t since_ns = s->view_since_ns;
-    if (s->returns && !s->has_view) /* nobody can come back before the server does */
+    if (s->returns && !s->has_view) /* no user can connect before the server is back */
         since_ns = s->broke_ns > s->shared->run_began_ns ? s->broke_ns : s->shared->run_began_ns;
     struct lw_histogram *times = s->has_view ? &f->next_view : s->returns ? &f->served : &f->first_view;
     if (s->counts) lw_histogram_add(times, now_ns - since_ns);
@@ -407,7 +407,7 @@ static void send_held(struct lw_load_session *s) {
     }
 }
 
-/* What it has from before the connection broke: of the same run it need not come again. */
+/* Tiles that it has from before the connection broke. The same run need not send them again. */
 static void take_up(struct lw_load_session *s, const struct lw_message_welcome *welcome) {
     const uint32_t tiles = s->shared->scene->map.tile_count;
     s->shared->figures->returned++;

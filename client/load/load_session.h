@@ -36,7 +36,7 @@ struct lw_load_return {
     uint64_t *known;   /* ...these versions, one per tile */
 };
 
-/** What all sessions share. Zero-initialised, then filled in by the owner. */
+/** State that all sessions share. Zero-initialised, then filled in by the owner. */
 struct lw_load_shared {
     uv_loop_t *loop;
     const struct lw_load_options *options;
@@ -46,7 +46,7 @@ struct lw_load_shared {
     uint64_t heard_before;      /* frames of earlier runs of the server, which the clock has forgotten */
     uint64_t run, run_began_ns; /* its id, and when it first welcomed a session */
     uint32_t run_count;
-    bool other_scene;                 /* a user met one: there is nothing more to measure */
+    bool other_scene;                 /* the first one of any user: the test ends there */
     struct lw_load_return *returning; /* in no order */
     size_t held_bytes;                /* memory that followed sessions may take */
     struct lw_load_figures *figures;

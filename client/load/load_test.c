@@ -1,8 +1,8 @@
 #include "client/load/load_test.h"
 
 #include "client/load/load_series.h"
-#include "common/clock.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 
 #include <errno.h>
 #include <fcntl.h>

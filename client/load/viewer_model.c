@@ -1,6 +1,6 @@
 #include "client/load/viewer_model.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/scene/pose.h"
 
 #include <assert.h>

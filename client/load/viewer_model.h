@@ -27,7 +27,7 @@ LW_MUST_CHECK enum lw_status lw_viewer_model_create(const struct lw_scene *scene
                                                     struct lw_viewer_model **out_model);
 void lw_viewer_model_destroy(struct lw_viewer_model *model);
 
-/** Chooses tiles, each once. Where more are needed than fit, pixels are taken to be larger until they fit.
+/** Chooses tiles, each once. If a view needs more than fit, pixels count as larger until its tiles fit.
  * ids     room for `capacity`; returns how many are set */
 uint32_t lw_viewer_model_choose(const struct lw_viewer_model *model, const struct lw_viewer_model_eye *eye,
                                 lw_tile_id *ids, uint32_t capacity);

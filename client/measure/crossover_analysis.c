@@ -1,7 +1,7 @@
 #include "client/measure/crossover_analysis.h"
 
 #include "client/measure/sides/views.h"
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -6,7 +6,7 @@
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/real_run.h"
 #include "client/measure/sides/views.h"
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdio.h>

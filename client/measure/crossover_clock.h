@@ -22,11 +22,11 @@ struct lw_crossover_clock {
 };
 
 /** Measures the opponents that filter, and of the cache the cheapest setting that reaches svgf's relMSE, or
- * else the best; what the row has noted already is left as it is.
+ * else the best; figures that the row has already are not measured again.
  * Errors: those of the server and the renderers; LW_CLOSED if cancelled; the store's. */
 LW_MUST_CHECK enum lw_status lw_crossover_clock_measure(struct lw_crossover_row *row, struct lw_error *err);
 
-/** What a row has noted of a renderer at a setting; false: nothing. */
+/** Reads the figures that a row has of a renderer at a setting. Returns false if it has none. */
 bool lw_crossover_clock_read(const struct lw_measure_store *store, const char *renderer, const char *setting,
                              struct lw_crossover_clock *out);
 

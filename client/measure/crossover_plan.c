@@ -1,6 +1,6 @@
 #include "client/measure/crossover_plan.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -2,11 +2,11 @@
 
 #include "client/measure/figures/reference.h"
 #include "client/measure/sides/views.h"
-#include "common/atomic_file.h"
-#include "common/folders.h"
-#include "common/log.h"
-#include "common/progress.h"
-#include "common/random.h"
+#include "common/base/atomic_file.h"
+#include "common/base/folders.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -7,7 +7,7 @@
 #include "client/measure/gnuplot.h"
 #include "client/measure/report_text.h"
 #include "client/measure/sides/views.h"
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -55,16 +55,15 @@ static const char *coin_word(enum lw_measure_coin coin) {
     return coin == LW_MEASURE_COIN_FLIP ? "FLIP" : "relMSE";
 }
 
-/* Whether light that is a second late errs by so much more than this that a row tells moving light from
- * light that stands. */
+/* Whether light that is a second late has so much more error that the row tests moving light. */
 static bool tests_motion(const struct report *r, double error) {
     return isnan(r->a.late_error) || r->a.late_error >= LW_CROSSOVER_GATE_TIMES * error;
 }
 
 static bool is_static(const struct report *r) { return strcmp(get(r, "motion", ""), "static") == 0; }
 
-/* What the users cost together is measured over the frames after a step, what one costs alone when the step
- * is over: no ratio is made of the two. */
+/* The cost of all users is measured over the frames after a step, and the cost of one user after the step. So
+ * the report has no ratio of the two. */
 static bool has_ratios(const struct report *r) { return strcmp(get(r, "motion", ""), "lamp-switch") != 0; }
 
 static void print_ratio(const struct report *r, FILE *f, const struct lw_bootstrap_interval *ratio) {
@@ -100,7 +99,7 @@ static void say_not_reached(FILE *f, const struct report *r, const struct lw_cro
     fprintf(f, " times its)");
 }
 
-/* What the cache takes to be as good as an opponent. */
+/* Cost of the cache at an opponent's error. */
 static void say_against(FILE *f, const struct report *r, const struct lw_crossover_point *opponent,
                         enum lw_measure_coin coin) {
     const struct lw_crossover_point *cache =

@@ -1,8 +1,8 @@
 #include "client/measure/crossover_row.h"
 
 #include "client/measure/sides/views.h"
-#include "common/folders.h"
-#include "common/log.h"
+#include "common/base/folders.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdio.h>

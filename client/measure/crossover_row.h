@@ -29,7 +29,7 @@ LW_MUST_CHECK enum lw_status lw_crossover_row_open(struct lw_crossover_row *row,
 /** A row that failed to open is fine. */
 void lw_crossover_row_finish(struct lw_crossover_row *row);
 
-/** Where a view's camera is. context: the row's views. */
+/** Camera of a view. context: the row's views. */
 struct lw_camera_view lw_crossover_row_camera(const void *context, uint32_t user, uint64_t frame);
 
 /** Describes both sides, with a user for each view. */

@@ -2,8 +2,8 @@
 
 #include "client/measure/crossover_clock.h"
 #include "client/measure/crossover_unit.h"
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 
 #include <math.h>
 

@@ -3,11 +3,11 @@
 #include "client/measure/sides/cache_renderer.h"
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/views.h"
-#include "common/atomic_file.h"
-#include "common/clock.h"
+#include "common/base/atomic_file.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 #include "common/image/apng.h"
-#include "common/log.h"
-#include "common/progress.h"
 
 #include <malloc.h>
 #include <math.h>
@@ -216,7 +216,7 @@ static struct lw_measure_expense *enter(struct lw_crossover_job *j, const struct
     return e;
 }
 
-/* What the line that ends the unit has more. */
+/* Further fields of the line that ends a unit. */
 static void conclude(struct lw_crossover_job *j, struct lw_measure_expense *all) {
     all->samples = j->sample_count;
     const struct lw_view_error lag = lw_view_error_of(&j->lag);
@@ -309,7 +309,8 @@ static enum lw_status serve_all(struct lw_crossover_job *j, struct spent *spent,
         uint32_t shown[LW_MEASURE_VIEWS], count = 1;
         const int index = judged_index(j, frame);
         if (frame == j->row->window) *out_warm_cpu_s = server_cpu_s(j) - began_cpu_s;
-        shown[0] = frame % LW_MEASURE_VIEWS; /* without judging too: the shown user sends his interest */
+        /* also where no picture is judged: the shown user sends an interest set */
+        shown[0] = frame % LW_MEASURE_VIEWS;
         for (uint32_t v = 0; index >= 0 && v < LW_MEASURE_VIEWS; v++) shown[v] = v, count = LW_MEASURE_VIEWS;
         status = step(j, frame, shown, count, frame >= j->row->window ? spent : NULL, err);
         for (uint32_t v = 0; status == LW_OK && index >= 0 && v < LW_MEASURE_VIEWS; v++) {

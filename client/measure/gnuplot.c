@@ -1,6 +1,6 @@
 #include "client/measure/gnuplot.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <errno.h>
 #include <spawn.h>

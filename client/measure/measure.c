@@ -4,9 +4,9 @@
 #include "client/measure/crossover_run.h"
 #include "client/measure/scaling_measure.h"
 #include "client/measure/scaling_report.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/wait_policy.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/wait_policy.h"
 
 #include <signal.h>
 #include <stdio.h>

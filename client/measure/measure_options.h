@@ -37,7 +37,7 @@ struct lw_measure_options_raw {
 #define LW_MEASURE_OPTIONS_BOUNCES 2
 #define LW_MEASURE_OPTIONS_SEED    1
 
-/** The rows of an option table (common/options.h) that fill `raw`, a pointer to the above. Defaults are
+/** The rows of an option table (common/base/options.h) that fill `raw`, a pointer to the above. Defaults are
  * literals of the command, for the help. */
 /* clang-format off */
 #define LW_MEASURE_OPTIONS(raw, size_default, repeats_help, reference_help, reference_min)                   \
@@ -60,13 +60,13 @@ struct lw_measure_options_raw {
 /** Checks the values.
  * min_width..      the smallest picture, pixels
  * samples_divisor  reference samples are rounded up to a multiple
- * Errors: LW_USAGE where -o is missing, or --size is none; the latter names the smallest and largest. */
+ * Errors: LW_USAGE where -o is missing, or --size is out of range: the error has the range. */
 LW_MUST_CHECK enum lw_status lw_measure_options_finish(const struct lw_measure_options_raw *raw,
                                                        const char *scene, uint32_t width_min,
                                                        uint32_t height_min, uint32_t samples_divisor,
                                                        struct lw_measure_options *out, struct lw_error *err);
 
-/** What a list of numbers, apart by commas, may be. */
+/** Limits of a list of numbers, apart by commas. */
 struct lw_measure_options_list {
     const char *option; /* "--users" */
     double min, max;

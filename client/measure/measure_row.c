@@ -1,7 +1,7 @@
 #include "client/measure/measure_row.h"
 
-#include "common/clock.h"
-#include "common/file_read.h"
+#include "common/base/clock.h"
+#include "common/base/file_read.h"
 #include "common/scene/package.h"
 
 #include <stdarg.h>

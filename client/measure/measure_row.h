@@ -34,8 +34,8 @@ LW_MUST_CHECK enum lw_status lw_measure_row_open_scene(struct lw_measure_row *ro
 void lw_measure_row_finish(struct lw_measure_row *row);
 
 /** Notes a property that all runs in this folder share.
- * Errors: LW_USAGE where the folder has another, or has figures and no note of it; those of
- *         lw_measure_store_set(). */
+ * Errors: LW_USAGE where the folder has another row, or figures without a row; those of
+ * lw_measure_store_set(). */
 LW_MUST_CHECK enum lw_status lw_measure_row_bind(struct lw_measure_row *row, struct lw_error *err,
                                                  const char *key, const char *format, ...) LW_PRINTF(4, 5);
 /** Notes a value. Errors: lw_measure_store_set()'s. */

@@ -1,7 +1,7 @@
 #include "client/measure/measure_store.h"
 
 #include "client/measure/report_text.h"
-#include "common/folders.h"
+#include "common/base/folders.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -98,7 +98,7 @@ struct lw_measure_expense {
 struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit *unit, uint32_t users,
                                                    uint32_t view);
 double lw_measure_store_total(const struct lw_measure_expense *expense);
-/** What a frame costs, by stage; bytes and rays where they are known. */
+/** Cost of a frame, by stage, with bytes and rays where they are known. */
 struct lw_cost lw_measure_store_cost(const struct lw_measure_expense *expense);
 
 struct lw_measure_late {
@@ -136,7 +136,7 @@ void lw_measure_store_finish(struct lw_measure_store *store);
 
 bool lw_measure_store_has(const struct lw_measure_store *store, const struct lw_measure_unit *unit);
 
-/** Adds a unit; its last expense is the one of all. On failure the files are as before.
+/** Adds a unit. Its last expense is the sum of the others. On failure the files are as before.
  * Errors: LW_IO naming the file; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_measure_store_append(struct lw_measure_store *store,
                                                      const struct lw_measure_sample *sample,

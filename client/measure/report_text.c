@@ -1,6 +1,6 @@
 #include "client/measure/report_text.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_MEASURE_REPORT_TEXT_H
 #define LW_CLIENT_MEASURE_REPORT_TEXT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

@@ -65,7 +65,7 @@ struct lw_scaling_real {
     double server_cpu_s;        /* per second */
     double light_age_s;
     /* relMSE against the reference of the time at which a picture was ready; the same of the path tracer,
-     * unfiltered, for the same views and times. These views are not those of the rest of the measurement. */
+     * unfiltered, for the same views and times. The rest of the measurement has other views. */
     double error, paths_error;
 };
 

@@ -7,8 +7,8 @@
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/real_run.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -17,7 +17,7 @@
 #define WARM_S      1
 #define REAL_WARM_S 20 /* at most */
 #define REAL_MORE_S 4
-#define LAG_S       1.0 /* how late light is that tells whether a row tests motion */
+#define LAG_S       1.0 /* age of the light by which a row shows whether it tests motion */
 
 /* ---- before ---- */
 
@@ -165,7 +165,7 @@ static enum lw_status set_sides(struct lw_scaling *x, struct lw_error *err) {
 
 /* ---- by the wall clock ---- */
 
-/* What the chosen path tracer's picture of the same view and moment is off. */
+/* Error of the chosen path tracer's picture of the same view and moment. */
 static enum lw_status judge_paths(const struct lw_scaling *x, const struct lw_path_world *world,
                                   const struct lw_camera_view *camera, const struct lw_reference *reference,
                                   double *out_error, struct lw_error *err) {
@@ -254,7 +254,7 @@ static enum lw_status run_by_the_clock(struct lw_scaling *x, struct lw_error *er
 
 /* ---- the whole ---- */
 
-/* What the eyes' views and the users' costs depend on, beside the options of all runs. */
+/* Further options that the views and costs of users depend on. */
 static enum lw_status bind(struct lw_scaling *x, struct lw_error *err) {
     const struct lw_scaling_options *o = &x->options;
     char users[200] = "";
@@ -299,8 +299,7 @@ enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, cons
         status = LW_OK; /* whatever the signal did to a side */
     }
     for (int s = 0; s < LW_SCALING_SIDES; s++) {
-        if (x->side[s].point_count &&
-            x->side[s].point[0].later) { /* the repeats that were to tell never came */
+        if (x->side[s].point_count && x->side[s].point[0].later) { /* the deciding repeats were never made */
             x->side[s].point_count = 0;
             x->target[0].best[s] = -1;
         }

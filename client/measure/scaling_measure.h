@@ -11,8 +11,8 @@
  * readable. Progress goes to stderr.
  * command  noted for the report
  * cancel   becomes true when a signal asks to stop
- * Errors   those of the row and its scene; LW_BAD_DATA for a motion that it cannot make; a side's.
- *          Interruption is no error */
+ * Errors   those of the row, of its scene and of both sides; LW_BAD_DATA for a motion that the scene does not
+ *          allow. Interruption is no error */
 LW_MUST_CHECK enum lw_status lw_scaling_measure(const struct lw_scaling_options *options, const char *command,
                                                 const _Atomic bool *cancel, struct lw_scaling *out_scaling,
                                                 struct lw_error *err);

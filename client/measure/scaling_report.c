@@ -190,8 +190,7 @@ static void print_head(const struct lw_scaling *x, FILE *f) {
             : " The first second is not measured.");
 }
 
-/* Whether the views tell moving light from light that stands: an error that light of a second ago has, too,
- * asks for no motion. */
+/* Whether the views test moving light. They do not if light of a second ago has the same error. */
 static void print_lag(const struct lw_scaling *x, FILE *f) {
     if (!isfinite(x->lag_error)) return;
     fprintf(f,
@@ -203,7 +202,7 @@ static void print_lag(const struct lw_scaling *x, FILE *f) {
                 LAG_TIMES);
 }
 
-/* What views do to an error, random numbers aside. */
+/* Spread of an error over views, without that of random numbers. */
 static void print_spread(const struct lw_scaling *x, FILE *f) {
     double least[LW_SCALING_SIDES], most[LW_SCALING_SIDES];
     for (int s = 0; s < LW_SCALING_SIDES; s++) {

@@ -1,6 +1,6 @@
 #include "client/measure/scaling_run.h"
 
-#include "common/progress.h"
+#include "common/base/progress.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -9,7 +9,7 @@
 
 #include "client/measure/scaling.h"
 
-/** What a unit holds. */
+/** Contents of a unit. */
 struct lw_scaling_record {
     struct lw_scaling_errors errors;
     struct lw_measure_expense line[LW_SCALING_COUNTS_MAX]; /* the last one ends the unit */

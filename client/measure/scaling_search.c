@@ -1,6 +1,6 @@
 #include "client/measure/scaling_search.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 

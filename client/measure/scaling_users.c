@@ -1,7 +1,7 @@
 #include "client/measure/scaling_users.h"
 
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <stdlib.h>
 
@@ -57,7 +57,7 @@ static double foresee(struct lw_scaling *x) {
 /* One sequence with users who come in steps. */
 struct user_steps {
     uint32_t repeat, users;
-    bool whole;        /* all of the scene is lit: for whom does not matter */
+    bool whole;        /* all of the scene is lit, for any number of users */
     uint64_t frame;    /* the last one */
     double warm_cpu_s; /* the solve's, in the frames before the first that count */
     struct lw_scaling_errors errors;

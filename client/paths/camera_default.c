@@ -1,7 +1,7 @@
 /* The view of a scene that brings no camera. Candidates around its box and inside it are judged by small
  * pictures.
  *
- * What a picture is worth follows viewpoint entropy (Vazquez et al. 2001): a part of the scene that takes the
+ * The value of a picture follows viewpoint entropy (Vazquez et al. 2001): a part of the scene that takes the
  * share p of the picture adds p (1 - ln p). Many parts are better than few, and large ones better than
  * small ones. A part is the surface of an object that faces about one way: how finely it is divided into
  * triangles does not count. Its share is the less, the less light it has and the nearer it is to the eye. */
@@ -92,7 +92,7 @@ static bool shows(const struct judge *j, const struct lw_hit16 *hits, unsigned l
     return !hits->back[lane] || lw_trace_material(j->scene, hits, lane)->double_sided;
 }
 
-/* What a hit belongs to: the part of its object's surface that faces one of 26 directions. */
+/* Part of a hit: the surface of its object that faces one of 26 directions. */
 static uint32_t surface_part(const struct judge *j, uint32_t object, uint32_t triangle) {
     const struct lw_mesh *mesh = &j->scene->mesh[j->scene->object[object].mesh];
     const uint32_t *vertex = mesh->triangle[triangle];

@@ -91,7 +91,7 @@ static void compare_with_last(struct lw_gbuffer *g, const struct lw_pose *pose,
     g->started = true;
 }
 
-/* What a pixel gathers on its way through the layers in front of it. */
+/* Sums of a pixel over the layers in front of it. */
 struct pixel {
     struct lw_vec3 albedo, emission;
     float transmittance;

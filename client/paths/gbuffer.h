@@ -10,8 +10,8 @@
  * Where there is one layer and it is even, paths may start from here instead of the eye (path_trace.h,
  * first_hits).
  *
- * A surface that mirrors or has a normal map has the map's normal, and as its albedo what it reflects towards
- * the eye of light from everywhere, its diffuse and its mirrored share together. */
+ * A surface that mirrors or has a normal map has the map's normal. Its albedo is its reflectance of even
+ * light towards the eye, diffuse and mirrored. */
 #ifndef LW_CLIENT_PATHS_GBUFFER_H
 #define LW_CLIENT_PATHS_GBUFFER_H
 
@@ -39,7 +39,7 @@ static inline struct lw_vec3 lw_gbuffer_load3(float *const plane[3], size_t at) 
     return lw_vec3(plane[0][at], plane[1][at], plane[2][at]);
 }
 
-/** Which pixels of a picture there are: every step-th, both ways, from (x, y) on. step 0: all of them. */
+/** Pixels of a picture that it has: every step-th, both ways, from (x, y) on. step 0: all of them. */
 struct lw_gbuffer_lattice {
     uint32_t step, x, y;
     uint32_t width, height; /* the picture's */
@@ -75,7 +75,7 @@ struct lw_gbuffer_desc {
     unsigned threads;             /* 0: all */
 };
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+/** The objects that desc points to must outlive it. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gbuffer_init(struct lw_gbuffer *gbuffer, const struct lw_gbuffer_desc *desc,
                                              struct lw_error *err);
 /** A zeroed one is fine. */

@@ -29,7 +29,7 @@ struct lw_instant_radiosity {
     uint32_t set;  /* this frame's */
     float *raw[3]; /* E of a pixel by its lights of the set, times KINDS */
     float *memory; /* holds raw */
-    /* What pixels keep of the frame before, and of this one. */
+    /* History of pixels: the previous frame's, and this one's. */
     struct kept {
         struct lw_reprojection_surface *surface;
         uint32_t *has; /* a bit for each set whose light is there */

@@ -11,7 +11,7 @@
  *   sets      each set's light is brought along from picture to picture; a pixel has the sum of all sets
  *   albedo    last
  *
- * Where d0 cuts light off, in corners above all, it is lost. */
+ * The light that d0 cuts off, mostly in corners, is lost. */
 #ifndef LW_CLIENT_PATHS_INSTANT_RADIOSITY_H
 #define LW_CLIENT_PATHS_INSTANT_RADIOSITY_H
 
@@ -23,7 +23,7 @@
 #define LW_INSTANT_RADIOSITY_SETS_DEFAULT   8u
 #define LW_INSTANT_RADIOSITY_SETS_MAX       32u
 
-/** How it works. Zeroed: the defaults. */
+/** Settings. Zeroed: the defaults. */
 struct lw_instant_radiosity_terms {
     uint32_t lights, sets;
     float near_m; /* d0, m; 0: by the area of all surfaces (virtual_paths.h) */
@@ -41,7 +41,7 @@ struct lw_instant_radiosity_desc {
 
 struct lw_instant_radiosity;
 
-/** What desc points to outlives it.
+/** The objects that desc points to outlive it.
  * Errors: LW_NO_MEMORY; LW_USAGE: too many lights or sets, or fewer lights than sets times bounces. */
 LW_MUST_CHECK enum lw_status lw_instant_radiosity_create(const struct lw_instant_radiosity_desc *desc,
                                                          struct lw_instant_radiosity **out,

@@ -3,12 +3,12 @@
  * Threads: one thread at a time; path_trace writes disjoint pixels from several.
  *
  * Even samples go to the first half, odd ones to the second, each from a sequence of its own. So the
- * difference of the halves tells the error of their mean without bias, which the spread of the samples of one
- * low-discrepancy sequence cannot. */
+ * difference of the halves estimates the error of their mean without bias. The spread of the samples of one
+ * low-discrepancy sequence does not. */
 #ifndef LW_CLIENT_PATHS_PATH_FILM_H
 #define LW_CLIENT_PATHS_PATH_FILM_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,9 +1,9 @@
 #include "client/paths/path_renderer.h"
 
 #include "client/paths/svgf.h"
-#include "common/clock.h"
-#include "common/colour.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
 
 #include <stdlib.h>
 

@@ -13,7 +13,7 @@
 #include "client/paths/instant_radiosity.h"
 #include "client/paths/path_trace.h"
 
-/* tag, short name, what it does. From LIGHTS on, each traces a shadow ray to each light or group of lights at
+/* tag, short name, description. From LIGHTS on, each traces a shadow ray to each light or group of lights at
  * first hits. Light that a path brings from beyond its first hit is clamped to ten times the picture's
  * mean. */
 #define LW_PATH_RENDERER_MAP(X)                                                                              \
@@ -50,7 +50,8 @@ struct lw_path_renderer_desc {
 
 struct lw_path_renderer;
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY; LW_USAGE: desc->vpl (instant_radiosity.h). */
+/** The objects that desc points to must outlive it. Errors: LW_NO_MEMORY; LW_USAGE: desc->vpl
+ * (instant_radiosity.h). */
 LW_MUST_CHECK enum lw_status lw_path_renderer_create(const struct lw_path_renderer_desc *desc,
                                                      struct lw_path_renderer **out_renderer,
                                                      struct lw_error *err);

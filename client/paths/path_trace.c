@@ -1,10 +1,10 @@
 #include "client/paths/path_trace.h"
 
-#include "common/colour.h"
-#include "common/guide/guide.h"
+#include "client/paths/guide.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
 #include "common/light/direct16.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #include <assert.h>
 #include <omp.h>
@@ -345,7 +345,7 @@ static void clamp_far(struct bundle *b, unsigned paths, float limit) {
     }
 }
 
-/* What a bounce ray meets that shines by itself; rays towards lamps may have found it too. own: the density
+/* Emission that a bounce ray meets. Rays towards lamps may have counted it too. own: the density
  * that the ray was drawn by. */
 static struct lw_vec3 shine(const struct job *job, enum lw_path_method method, const struct path *path,
                             float own, const struct lw_ray16 *rays, const struct lw_hit16 *hits, unsigned i,
@@ -429,7 +429,7 @@ static void note_in_guide(const struct job *job, struct path *path, float lumina
     path->place = LW_GUIDE_NOWHERE;
 }
 
-/* How the light of lamps on surfaces of one depth is found. */
+/* Estimators of lamps' light on surfaces of one depth. */
 struct lit {
     enum lw_path_method even, glossy;
 };

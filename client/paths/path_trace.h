@@ -13,8 +13,8 @@
 #define LW_CLIENT_PATHS_PATH_TRACE_H
 
 #include "client/paths/gbuffer.h"
+#include "client/paths/guide.h"
 #include "client/paths/path_film.h"
-#include "common/guide/guide.h"
 #include "common/light/lights.h"
 #include "common/trace/trace.h"
 
@@ -29,21 +29,21 @@ enum lw_path_pixel {
     LW_PATH_PIXEL_CENTRE /* it is what its centre sees, as compose.h has it */
 };
 
-/** How light from surfaces and sky is found; all agree in the mean. */
+/** Estimators of light from surfaces and sky. All have the same mean. */
 enum lw_path_method {
     LW_PATH_METHOD_BOTH,  /* by lamps and by bounce rays, weighed by the power heuristic */
     LW_PATH_METHOD_LAMPS, /* by rays towards lamps alone */
     LW_PATH_METHOD_BOUNCE /* by bounce rays that meet them; point, spot and directional lights as in LAMPS */
 };
 
-/** Which light counts; direct and indirect add up to all. */
+/** Parts of light. Direct and indirect add up to all. */
 enum lw_path_part {
     LW_PATH_PART_ALL,
     LW_PATH_PART_DIRECT,  /* visible emission, and light of lamps and sky on visible surfaces */
     LW_PATH_PART_INDIRECT /* light that reaches visible surfaces by bounces */
 };
 
-/** Which 16 pixels share random numbers, so that their rays run parallel. */
+/** Groups of 16 pixels that share random numbers, so that their rays run parallel. */
 enum lw_path_pattern {
     LW_PATH_PATTERN_SQUARE, /* 4 x 4 neighbours: the fastest, for pictures of many samples */
     /* Every 4th pixel of 16 x 16, in both directions. Neighbours differ, and 4 x 4 of them are stratified as
@@ -61,7 +61,7 @@ struct lw_path_trace_desc {
 
 struct lw_path_trace;
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+/** The objects that desc points to must outlive it. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_path_trace_create(const struct lw_path_trace_desc *desc,
                                                   struct lw_path_trace **out_tracer, struct lw_error *err);
 void lw_path_trace_destroy(struct lw_path_trace *tracer);
@@ -99,7 +99,7 @@ struct lw_path_view {
      * traced only for pixels that show several surfaces, or one that is not even (gbuffer.h), and for those
      * that share random numbers with them. A pixel is then its centre. NULL: none. */
     const struct lw_gbuffer *first_hits;
-    /* Bounce rays but the last follow the guide where no mirror throws them, and report to it what they find.
+    /* Bounce rays follow the guide and report their radiance to it. Mirrored rays and the last bounce do not.
      * A render draws them all by what the guide learned before. Between renders lw_guide_learn() takes the
      * reports: then the samples of later renders depend on where it was called. NULL: cosine-weighted rays
      * alone. */

@@ -1,5 +1,5 @@
-/* reprojection.h: where the points of a picture were in the picture before, and whether what it kept of them
- * serves.
+/* reprojection.h: the pixel of the previous picture that shows a point, and whether its history holds for the
+ * point.
  * Flow:    gbuffers of two frames -> [reprojection] -> svgf, instant_radiosity
  * Threads: values, [any]. */
 #ifndef LW_CLIENT_PATHS_REPROJECTION_H
@@ -7,8 +7,8 @@
 
 #include "client/paths/gbuffer.h"
 
-/* What a pixel kept serves a point so near to it: pixels' breadth off the tangent plane; cosine of
- * normals. */
+/* Limits within which a pixel's history holds for a point: distance off the tangent plane in widths of a
+ * pixel, cosine of normals. */
 #define LW_REPROJECTION_APART_MAX 2.0f
 #define LW_REPROJECTION_COSINE_MIN                                                                           \
     0.5f /* 0.9 forgot what small things looked like: 16 % more error in the atrium */
@@ -24,7 +24,7 @@ static inline struct lw_reprojection lw_reprojection_of(const struct lw_gbuffer 
     return (struct lw_reprojection){g->width, g->height, g->camera, lw_gbuffer_aim(g)};
 }
 
-/** Where a point was in the picture: pixels, and its inverse depth. */
+/** Place of a point in the picture: pixels, and its inverse depth. */
 static inline bool lw_reprojection_find(const struct lw_reprojection *before, struct lw_vec3 point,
                                         float *out_x, float *out_y, float *out_depth) {
     const struct lw_camera_view *c = &before->camera;
@@ -38,7 +38,7 @@ static inline bool lw_reprojection_find(const struct lw_reprojection *before, st
     return *out_x > -1 && *out_y > -1 && *out_x < (float)before->width && *out_y < (float)before->height;
 }
 
-/** What tells a pixel's surface: as in struct lw_gbuffer_planes. */
+/** Planes that identify a pixel's surface, as in struct lw_gbuffer_planes. */
 struct lw_reprojection_surface {
     uint32_t object;
     float depth, slope[2], apart;

@@ -1,13 +1,13 @@
 #include "client/paths/shot_lights.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-/* How much brighter a light may grow with its lamp: near to it there would be more of them. */
+/* Largest growth of a light with its lamp. A lamp that is nearer would have more lights. */
 #define GROWTH_MAX 2.0f
 /* Largest quotient of the cosines of shading and true normal. */
 #define SLANT_MAX 4.0f

@@ -3,11 +3,11 @@
  * Threads: one thread.
  * After:   Keller 1997 (instant radiosity); Tonna 2019 (virtual_paths.h).
  *
- * The first light of a path lies where a ray from a lamp ends (lamp_rays.h), with what it brings times the
- * albedo there. The next lies where a cosine-weighted ray from there ends. Draws are stratified over the
- * lamps, by number; each set has every sets-th. When something has moved, a shadow ray to the parent decides
- * whether a light stays, and at most a set's worth is shot again. A first light that stays stands for the
- * same area, and follows its lamp: flux = albedo x E x area. */
+ * The first light of a path lies where a ray from a lamp ends (lamp_rays.h). Its power is that of the ray
+ * times the albedo there. The next lies where a cosine-weighted ray from there ends. Draws are stratified
+ * over the lamps, by number; each set has every sets-th. When something has moved, a shadow ray to the parent
+ * decides whether a light stays, and at most a set's worth is shot again. A first light that stays stands for
+ * the same area, and follows its lamp: flux = albedo x E x area. */
 #ifndef LW_CLIENT_PATHS_SHOT_LIGHTS_H
 #define LW_CLIENT_PATHS_SHOT_LIGHTS_H
 
@@ -16,7 +16,7 @@
 #include "common/light/virtual_paths.h"
 
 struct lw_shot_light {
-    float position[3], normal[3], flux_w[3]; /* world space; what it sends into its hemisphere */
+    float position[3], normal[3], flux_w[3]; /* world space; radiant power into its hemisphere */
     uint32_t object, shots;                  /* times that it was shot: where its random numbers go on */
     float share[3]; /* share of the arriving flux: albedo, and how its normals slant */
     /* first of a path */
@@ -44,7 +44,7 @@ struct lw_shot_lights {
     uint32_t seed, salt;    /* the step's */
 };
 
-/** What desc points to outlives it. Errors: LW_NO_MEMORY; finish it then. */
+/** The objects that desc points to outlive it. Errors: LW_NO_MEMORY; finish it then. */
 LW_MUST_CHECK enum lw_status lw_shot_lights_init(struct lw_shot_lights *lights,
                                                  const struct lw_shot_lights_desc *desc);
 /** A zeroed one is fine. */

@@ -1,8 +1,8 @@
 #include "client/paths/svgf.h"
 
 #include "client/paths/reprojection.h"
-#include "common/colour.h"
-#include "common/wide.h"
+#include "common/base/colour.h"
+#include "common/base/wide.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -43,7 +43,7 @@
 
 #define CHUNK 256u /* pixels of a row whose sums stay in the first-level cache */
 
-/* What a pixel hands on to the next frame. One cache line: it is read by where things were, not in order. */
+/* History of a pixel for the next frame. One cache line: it is read by where things were, not in order. */
 struct past {
     _Alignas(64) float light[3];
     float moment[2]; /* means of luminance and of its square */
@@ -122,7 +122,7 @@ static float luminance_of(const float rgb[3]) { return lw_colour_luminance(lw_ve
 
 /* ---- over time ---- */
 
-/* What arrives at a pixel's surface, as far as its albedo tells. A channel that reflects nothing knows
+/* Irradiance at a pixel's surface: its radiance over its albedo. A channel that reflects nothing knows
  * nothing: it is taken to be as bright as the others. Black in all channels: false. */
 static bool divide(const struct job *job, size_t at, float out[3]) {
     const struct lw_gbuffer_planes *g = &job->gbuffer->plane;
@@ -305,7 +305,7 @@ static void estimate_variance(const struct job *job, uint32_t x, uint32_t y) {
         }
     if (!(weights > 0)) return;
     const float mean = moment[0] / weights, variance = fmaxf(0, moment[1] / weights - mean * mean);
-    /* Few samples tell too little variance more often than too much: the shorter, the more is added. */
+    /* Few samples often underestimate variance: the shorter the history, the more is added. */
     const float count = centre->count > 1 ? centre->count : 1;
     svgf->light[0].variance[at] = variance / count * fmaxf(1, HISTORY_VERY_SHORT / count);
 }
@@ -371,8 +371,7 @@ LW_WIDE static void add_tap(const struct lw_gbuffer_planes *g, const struct ligh
     }
 }
 
-/* What each pixel of a chunk knows by itself; the variance smoothed by 3 x 3, since few frames know it
- * badly. */
+/* Data of each pixel of a chunk. The variance is smoothed by 3 x 3, since few frames estimate it badly. */
 LW_WIDE static void begin_sums(const struct lw_svgf *svgf, const struct light *in, uint32_t x, uint32_t y,
                                uint32_t count, struct sums *restrict sums) {
     const size_t row = (size_t)y * svgf->width;
@@ -507,7 +506,7 @@ void lw_svgf_filter(struct lw_svgf *svgf, const struct lw_gbuffer *gbuffer, cons
 
 /* ---- to all pixels of a picture of which every few were filtered ---- */
 
-/* How well a pixel of the lattice knows the light of one of the picture, beside how near it is. (dx, dy):
+/* Weight of a lattice pixel for a pixel of the picture, apart from its distance. (dx, dy):
  * from the lattice's pixel to the picture's, in pixels of the lattice. A little is left on another surface:
  * where all four are on others, the nearest serve. */
 static float kinship(const struct lw_gbuffer_planes *thin, size_t q, const struct lw_gbuffer_planes *full,

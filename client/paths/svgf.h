@@ -4,11 +4,10 @@
  * After:   Schied et al. 2017 (spatiotemporal variance-guided filtering); Dammertz et al. 2010 (edge-avoiding
  *          a-trous).
  *
- * Light without noise passes unchanged. Where the history is short, light counts as noise, so that fresh
- * shadow edges are soft for some frames. While camera, objects and lights are still, the picture converges to
- * the mean of the samples; else a history counts as 32 frames at most. Samples should be of
- * LW_PATH_PIXEL_CENTRE, LW_PATH_PATTERN_INTERLEAVED, one seed, and first_sample = frame * samples. Each
- * frame:
+ * Light without noise passes unchanged. With a short history, light counts as noise, so that fresh shadow
+ * edges are soft for some frames. While camera, objects and lights are still, the picture converges to the
+ * mean of the samples; else a history counts as 32 frames at most. Samples should be of LW_PATH_PIXEL_CENTRE,
+ * LW_PATH_PATTERN_INTERLEAVED, one seed, and first_sample = frame * samples. Each frame:
  *
  *     lw_path_trace_render(tracer, &view, samples, &film, NULL), then lw_path_film_resolve()
  *     lw_gbuffer_render(&gbuffer, pose, &view.camera);
@@ -35,7 +34,8 @@ void lw_svgf_destroy(struct lw_svgf *svgf);
 /** Forgets all frames: the next one is the first. */
 void lw_svgf_reset(struct lw_svgf *svgf);
 
-/** Filters one frame. What the frame before left is found by gbuffer->plane.before and that frame's camera.
+/** Filters one frame. The history of the previous frame is looked up by gbuffer->plane.before and that
+ * frame's camera.
  *
  * gbuffer   of this frame, of the same size
  * radiance  width * height * 3 floats, W/(m^2 sr), of paths through the centres of pixels; values that

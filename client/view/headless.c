@@ -7,10 +7,10 @@
 #include "client/view/compose/stage.h"
 #include "client/view/export.h"
 #include "client/view/plateau.h"
-#include "common/clock.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/clock.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 #include "common/tile/tile_channels.h"
 
 #include <inttypes.h>
@@ -88,7 +88,7 @@ static enum lw_status connect_to_server(struct headless *h, struct lw_error *err
     return status;
 }
 
-/* A progress knows steps, we know how far we are. */
+/* Takes the steps up to `done`. */
 static void show_progress(struct lw_progress *progress, uint64_t done) {
     uint64_t so_far = atomic_load(&progress->done);
     lw_progress_step(progress, done > so_far ? done - so_far : 0);
@@ -406,7 +406,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     h.stage.mirrors = options->mirrors;
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
     if (status == LW_OK) status = start_gl(&h, err);
-    if (status == LW_OK) /* an unknown camera is said before the wait */
+    if (status == LW_OK) /* an unknown camera is reported before the wait */
         status =
             lw_view_options_camera(options, h.stage.scene, &h.stage.pose, h.stage.trace, &h.view.camera, err);
     if (status == LW_OK) status = wait_for_light(&h, err);

@@ -7,8 +7,8 @@
 #include "client/view/view_options.h"
 
 /** Connects, waits as the options say, renders, writes. The first SIGINT or SIGTERM ends the wait
- * (interrupt.h): the picture that there is by then is written, if any light of it has come; before that it
- * ends the program at once.
+ * (interrupt.h): the current picture is written if some of its light has come. Before any light it ends the
+ * program at once.
  * out_stopped  whether a signal ended the wait.
  * Errors: LW_CANNOT_CREATE before anything else is done; the client's; LW_TIMED_OUT, naming the missing part;
  * LW_USAGE for an unknown camera; the image writer's. */

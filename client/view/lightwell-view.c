@@ -4,9 +4,9 @@
 #include "client/view/path_command.h"
 #include "client/view/view_options.h"
 #include "client/view/window/window.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/wait_policy.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/wait_policy.h"
 
 int main(int argc, char **argv) {
     lw_log_init("lightwell-view", LW_LOG_INFO);

@@ -1,8 +1,8 @@
 #include "client/view/local_server.h"
 
-#include "common/clock.h"
-#include "common/folders.h"
-#include "common/program_path.h"
+#include "common/base/clock.h"
+#include "common/base/folders.h"
+#include "common/base/program_path.h"
 
 #include <assert.h>
 #include <errno.h>

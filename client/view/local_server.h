@@ -5,7 +5,7 @@
 #ifndef LW_CLIENT_VIEW_LOCAL_SERVER_H
 #define LW_CLIENT_VIEW_LOCAL_SERVER_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <limits.h>
 #include <stdint.h>

@@ -4,22 +4,21 @@
 #ifndef LW_CLIENT_VIEW_OWN_SERVER_H
 #define LW_CLIENT_VIEW_OWN_SERVER_H
 
+#include "common/base/status.h"
 #include "common/open/scene_open.h"
-#include "common/status.h"
 
 #include <stdint.h>
 
 struct lw_own_server;
 
-/** Starts a server for a scene on a free port of 127.0.0.1. What it says goes to our stderr. A scene without
- * a light gets a plain sky. It ends when the calling thread does, however that comes about; Ctrl-C is not for
- * it.
+/** Starts a server for a scene on a free port of 127.0.0.1. Its log goes to our stderr. A scene without
+ * a light gets a plain sky. It ends with the calling thread, for any reason. Ctrl-C does not end it.
  * open    the scene and how it is opened. It must outlive the server.
  * Errors: LW_NO_INPUT for a file that is not there; LW_OS if lightwelld, beside this program or in PATH, does
  * not start; LW_CANNOT_CREATE; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_own_server_start(const struct lw_scene_open *open,
                                                  struct lw_own_server **out_server, struct lw_error *err);
-/** Where it listens; port 0: it does not yet, since it imports the scene.
+/** Its address. port 0: it imports the scene and does not listen yet.
  * Errors: LW_UNAVAILABLE if it has ended, having said why. */
 LW_MUST_CHECK enum lw_status lw_own_server_poll(struct lw_own_server *server, uint16_t *out_port,
                                                 struct lw_error *err);

@@ -1,10 +1,10 @@
 #include "client/view/path_command.h"
 
 #include "client/view/export.h"
-#include "common/clock.h"
-#include "common/interrupt.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/clock.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -113,7 +113,7 @@ static void tear_down(struct command *c) {
     lw_scene_destroy(c->scene);
 }
 
-/* How many samples it will take in all: an error falls at least with their root. */
+/* Estimate of the samples in all: an error falls at least with their root. */
 static uint64_t foresee(const struct command *c) {
     const struct lw_view_path *path = &c->options->path;
     if (!(path->error > 0)) return path->samples;

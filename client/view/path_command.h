@@ -7,8 +7,8 @@
 #include "client/view/view_options.h"
 
 /** Opens the scene, path traces the view, writes it. The first SIGINT or SIGTERM ends the tracing
- * (interrupt.h): the samples that every pixel has by then are written, if there is one; before that it may
- * end the program at once.
+ * (interrupt.h): the samples that every pixel has are written. Before the first sample it may end the program
+ * at once.
  * out_stopped  whether a signal kept it from taking all samples
  * Errors       LW_CANNOT_CREATE before anything else is done; as lw_scene_open(); LW_USAGE for an unknown
  *              camera; the image

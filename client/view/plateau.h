@@ -24,8 +24,8 @@ struct lw_plateau {
 
 /** Takes in an error, and how often its tiles were renewed so far. Returns whether the error has come to
  * rest: it has not fallen for LW_PLATEAU_MIN_NS, nor for LW_PLATEAU_RENEWALS (or LW_PLATEAU_MAX_NS), nor
- * for as long as it took to fall to here. In that last time the error of a mean falls to 0.71; where it has
- * not even fallen to 0.9, movement keeps it up. */
+ * for as long as it took to fall to here. In the last half of the time the error of a mean falls to 0.71. An
+ * error that has not fallen to 0.9 is kept up by movement. */
 bool lw_plateau_note(struct lw_plateau *plateau, float error, double renewed, uint64_t now_ns);
 
 #endif

@@ -1,6 +1,6 @@
 #include "client/view/tonemap.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <math.h>
 

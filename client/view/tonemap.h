@@ -6,7 +6,7 @@
 #ifndef LW_CLIENT_VIEW_TONEMAP_H
 #define LW_CLIENT_VIEW_TONEMAP_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 #include <stddef.h>
 #include <stdint.h>

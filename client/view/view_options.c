@@ -2,7 +2,7 @@
 
 #include "client/paths/camera_default.h"
 #include "client/view/compose/antialias.h"
-#include "common/options.h"
+#include "common/base/options.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 #define OWN_ADDRESS "127.0.0.1:0"
 #define SECONDS_MAX 1e6 /* eleven days */
 
-/* What the table fills and nobody else sees. */
+/* Values of the table that are used here alone. */
 struct raw {
     struct lw_access_options access;
     const char *address, *camera, *size, *wait, *exposure;

@@ -8,8 +8,8 @@
 #include "client/paths/path_trace.h"
 #include "client/view/compose/show.h"
 #include "client/view/tonemap.h"
+#include "common/base/status.h"
 #include "common/open/scene_open.h"
-#include "common/status.h"
 #include "common/tile/atlas.h"
 
 #include <stdint.h>
@@ -24,18 +24,18 @@ enum lw_view_wait {
     LW_VIEW_WAIT_SECONDS    /* so long after connecting, and the first light is there */
 };
 
-/* Samples of a headless picture's pixels where nobody says. */
+/* Default samples of a headless picture's pixels. */
 #define LW_VIEW_SAMPLES_PER_PIXEL 16
 
 enum lw_view_format { LW_VIEW_NO_FILE, LW_VIEW_EXR, LW_VIEW_PNG };
 
-/* How many samples a pixel takes by --path-trace where nobody says. */
+/* Default samples of a pixel by --path-trace. */
 #define LW_VIEW_SPP           64
 #define LW_VIEW_PIXEL_CHOICES "box|centre" /* in the order of enum lw_path_pixel */
 
 #define LW_VIEW_DIRECT_CHOICES "auto|tiles"
 
-/* The renderer: OpenGL in a window where there is one, rays else; or the one that is asked for. */
+/* Renderer. AUTO is OpenGL in a window where the system has it, and rays elsewhere. */
 enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_RENDERER_CPU };
 #define LW_VIEW_RENDERER_CHOICES "auto|gl|cpu" /* in the order of enum lw_view_renderer */
 
@@ -43,11 +43,11 @@ enum lw_view_renderer { LW_VIEW_RENDERER_AUTO, LW_VIEW_RENDERER_GL, LW_VIEW_REND
 enum lw_view_mirrors { LW_VIEW_MIRRORS_AUTO, LW_VIEW_MIRRORS_ON, LW_VIEW_MIRRORS_OFF };
 #define LW_VIEW_MIRRORS_CHOICES "auto|on|off" /* in the order of enum lw_view_mirrors */
 
-/* What bounce rays of --path-trace follow. */
+/* Guide of bounce rays of --path-trace. */
 enum lw_view_guide { LW_VIEW_GUIDE_OFF, LW_VIEW_GUIDE_LEARNED };
 #define LW_VIEW_GUIDE_CHOICES "off|learned" /* in the order of enum lw_view_guide */
 
-/** What --path-trace takes. */
+/** Limits of --path-trace. */
 struct lw_view_path {
     struct lw_scene_open open; /* open.path is the scene; NULL: no path tracing */
     uint32_t samples;          /* per pixel, at most */

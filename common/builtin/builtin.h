@@ -9,8 +9,8 @@
 #define LW_BUILTIN_PREFIX "builtin:"
 
 /** Builds a scene by its full name ("builtin:cornell"), without lightmap UVs.
- * Errors: LW_NO_INPUT naming the scenes there are; LW_USAGE for an argument where there is none to give, or
- * not in its range, which it names; LW_NO_MEMORY. */
+ * Errors: LW_NO_INPUT, with the names of all scenes; LW_USAGE for an argument that the scene does not take,
+ * or out of its range, with the range; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_builtin_build(const char *name, struct lw_scene **out_scene,
                                               struct lw_error *err);
 

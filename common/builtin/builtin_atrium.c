@@ -115,7 +115,7 @@ static void polish(struct lw_builtin_stage *stage, const struct polish *how,
     lw_builtin_stage_gloss(stage, how->material, &finish);
 }
 
-/* What of a metal is mirrored comes out of its base colour, which for the matt form is darker. */
+/* A metal mirrors by its base colour, which is darker in the matt form. */
 static void set_metal(struct lw_builtin_stage *stage, uint32_t material, float r, float g, float b) {
     if (stage->failed) return;
     float *base = stage->scene->material[material].base_colour;

@@ -11,7 +11,7 @@
 #define LW_BUILDING_ROW_WIDTH 11.0f /* two of them stand between two corner houses */
 #define LW_BUILDING_ROW_DEPTH 12.0f
 
-/** How a house looks: its paints, what its windows have, how high it is. */
+/** Looks of a house: its paints, its windows, its height. */
 struct lw_builtin_house_style {
     const struct lw_builtin_facade_paints *paints;
     uint32_t storeys, bays; /* a row house's; corner houses have bays to the same measure */

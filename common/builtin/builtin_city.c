@@ -5,7 +5,7 @@
 #include "common/builtin/builtin_street.h"
 #include "common/builtin/builtin_texture.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <stdio.h>
 
@@ -26,7 +26,7 @@ static const float taillamp_radiance[3] = {60.0f, 4.0f, 3.0f};
 static const float cabin_radiance[3] = {40.0f, 30.0f, 18.0f};
 static const float lantern_radiance[3] = {1500.0f, 760.0f, 240.0f};
 
-/* What stands on the blocks; a larger town repeats it. */
+/* Buildings of the blocks. A larger town repeats them. */
 enum block {
     HOUSES = 'h',
     BRICK_HOUSES = 'b',

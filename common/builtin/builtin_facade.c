@@ -1,6 +1,6 @@
 #include "common/builtin/builtin_facade.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <assert.h>
 

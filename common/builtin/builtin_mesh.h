@@ -36,8 +36,8 @@ struct lw_builtin_mesh {
 void lw_builtin_mesh_init(struct lw_builtin_mesh *mesh);
 void lw_builtin_mesh_finish(struct lw_builtin_mesh *mesh);
 
-/** What the next parts are made of; metres: of one repeat of the texture, or of a fitted one's share of a
- * patch. */
+/** Material of the next parts. metres: size of one repeat of the texture, or
+ * of a patch with a fitted texture */
 void lw_builtin_mesh_use(struct lw_builtin_mesh *mesh, uint32_t material, enum lw_builtin_uv mode,
                          float metres);
 
@@ -62,12 +62,12 @@ enum {
 };
 
 /** Adds a grid of rows x columns points, points[row * columns + column]. Its front is where rows run up and
- * columns run to the right. Quads that collapse to a line are left out; those that collapse to a triangle
- * stay one. */
+ * columns run to the right. Quads that collapse to a line are left out. Quads that collapse to a triangle are
+ * triangles. */
 void lw_builtin_mesh_patch(struct lw_builtin_mesh *mesh, const struct lw_vec3 *points, uint32_t rows,
                            uint32_t columns, unsigned flags);
 
-/** Adds the parallelogram with corner `corner` and edges `right`, `up`; its front is where they appear so.
+/** Adds the parallelogram with corner `corner` and edges `right`, `up`; seen from the front they lie so.
  * It is cut into squares of about cell_m, or left whole with 0. */
 void lw_builtin_mesh_quad(struct lw_builtin_mesh *mesh, struct lw_vec3 corner, struct lw_vec3 right,
                           struct lw_vec3 up, float cell_m);
@@ -91,7 +91,7 @@ void lw_builtin_mesh_box(struct lw_builtin_mesh *mesh, struct lw_vec3 low, struc
 void lw_builtin_mesh_revolve(struct lw_builtin_mesh *mesh, const struct lw_vec2 *profile, uint32_t count,
                              uint32_t segments);
 
-/** Where a swept profile stands: point = origin + out * x + up * y. Longer vectors make mitres. */
+/** Frame of a swept profile: point = origin + out * x + up * y. Longer vectors make mitres. */
 struct lw_builtin_frame {
     struct lw_vec3 origin, out, up;
 };

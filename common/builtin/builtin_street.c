@@ -1,8 +1,8 @@
 #include "common/builtin/builtin_street.h"
 
+#include "common/base/random.h"
 #include "common/builtin/builtin_furnish.h"
 #include "common/builtin/builtin_house.h"
-#include "common/random.h"
 
 #include <stdlib.h>
 

@@ -26,7 +26,7 @@ struct lw_builtin_street_paints {
 /** Pavement, kerb, crossings and half carriageways of one tile. */
 void lw_builtin_street_tile(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 
-/** What stands on the pavement around a block: twelve lamps, benches, bollards. */
+/** Furniture of the pavement around a block: twelve lamps, benches, bollards. */
 void lw_builtin_street_furniture(struct lw_builtin_mesh *mesh, const struct lw_builtin_street_paints *paints);
 
 /** A street lamp, 4.4 m high; its lantern is of the paint `lamp`. */

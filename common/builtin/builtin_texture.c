@@ -1,6 +1,6 @@
 #include "common/builtin/builtin_texture.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <stdlib.h>
 

@@ -1,6 +1,6 @@
 #include "common/image/apng.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 #include "common/image/image.h"
 
 #include <stdlib.h>

@@ -4,7 +4,7 @@
 #ifndef LW_COMMON_APNG_H
 #define LW_COMMON_APNG_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,6 +1,6 @@
 #include "common/image/image.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 
 #include <OpenEXR/openexr.h>
 #include <stdio.h>
@@ -24,7 +24,7 @@ static int channel_of(const char *name, unsigned channels) {
 /* A file that claims more pixels than this (1.6 GB of floats) is taken for damage. */
 #define READ_PIXELS_MAX (1u << 27)
 
-/* What OpenEXR's callbacks need. */
+/* Context of OpenEXR's callbacks. */
 struct stream {
     const char *path;
     struct lw_atomic_file *file; /* NULL: reading */

@@ -3,7 +3,7 @@
 #ifndef LW_COMMON_IMAGE_H
 #define LW_COMMON_IMAGE_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 
@@ -23,7 +23,7 @@ struct lw_image_attribute {
     const char *name, *text;
 };
 
-/** What an EXR holds. */
+/** Contents of an EXR. */
 struct lw_image_exr {
     const float *pixel; /* width * height * channels, a pixel's channels side by side, linear, row 0 on top */
     uint32_t width, height;

@@ -1,6 +1,6 @@
 #include "common/light/client_lights.h"
 
-#include "common/union_find.h"
+#include "common/base/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -106,7 +106,7 @@ static enum lw_status judge_object(const struct lw_scene *scene, const struct lw
     return ok ? LW_OK : LW_NO_MEMORY;
 }
 
-/* What the scene says about a light counts more than the rule. */
+/* The scene's choice for a light counts more than the rule. */
 static void obey_scene(struct lw_client_lights *client, const struct lw_scene *scene) {
     for (uint32_t i = 0; i < scene->light_count; i++)
         if (scene->light[i].drawn_by) client->light[i] = scene->light[i].drawn_by == LW_DRAWN_BY_CLIENTS;

@@ -1,8 +1,8 @@
 #include "common/light/direct16.h"
 
+#include "common/base/sampling.h"
+#include "common/base/wide.h"
 #include "common/light/lights16.h"
-#include "common/sampling.h"
-#include "common/wide.h"
 
 #include <string.h>
 

@@ -14,8 +14,8 @@
 #ifndef LW_COMMON_DIRECT16_H
 #define LW_COMMON_DIRECT16_H
 
+#include "common/base/points16.h"
 #include "common/light/lights.h"
-#include "common/points16.h"
 #include "common/trace/trace.h"
 
 struct lw_direct16 {

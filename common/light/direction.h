@@ -3,7 +3,7 @@
 #ifndef LW_COMMON_DIRECTION_H
 #define LW_COMMON_DIRECTION_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 /** Cosine-weighted direction about +z: pdf = z / pi (Malley's method). point: 2 floats in [0, 1). */
 static inline struct lw_vec3 lw_direction_cosine(const float point[2]) {

@@ -7,8 +7,8 @@
  *     E = integral of L (n.w) dw      V = integral of L (n.w) w dw, r = V / E
  *
  * both over the hemisphere about n. Cosine-weighted rays give both with the same bounded weight. |r| <= 1,
- * and n.r >= 0. An even hemisphere has r = 2/3 n, a single source of direction d has r = d. So r is taken for
- * that of an even part and one source, whose share w of E and direction d follow:
+ * and n.r >= 0. An even hemisphere has r = 2/3 n, a single source of direction d has r = d. So light with
+ * this r is modelled as an even part and one source. The source's share w of E, and its direction d, follow:
  *
  *     u = r - 2/3 n      w = 6/5 (n.u) + sqrt((6/5 n.u)^2 + 9/5 |u|^2)      d = u / w + 2/3 n
  *
@@ -27,8 +27,8 @@
 #ifndef LW_COMMON_DIRECTION_FORM_H
 #define LW_COMMON_DIRECTION_FORM_H
 
-#include "common/colour.h"
-#include "common/vec.h"
+#include "common/base/colour.h"
+#include "common/base/vec.h"
 
 #define LW_DIRECTION_FACTOR_MAX 4.0f
 #define LW_DIRECTION_GAIN_MAX   8.0f

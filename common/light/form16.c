@@ -1,6 +1,6 @@
 #include "common/light/form16.h"
 
-#include "common/wide.h"
+#include "common/base/wide.h"
 
 #include <string.h>
 

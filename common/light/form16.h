@@ -9,7 +9,7 @@
 #ifndef LW_COMMON_FORM16_H
 #define LW_COMMON_FORM16_H
 
-#include "common/points16.h"
+#include "common/base/points16.h"
 #include "common/trace/trace.h"
 
 /** Weights of the flux of a disc of area_m2, 0 for a point. near_m2: r^2 counts as this at least; 0: as it

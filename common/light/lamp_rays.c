@@ -1,6 +1,6 @@
 #include "common/light/lamp_rays.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/light/direction.h"
 
 #include <stdlib.h>
@@ -109,7 +109,7 @@ static void from_emitter(const struct lw_lamp_rays *lamps, uint32_t i, const flo
     const struct lw_emitter *e = &lamps->lights->emitter[i];
     const float root = sqrtf(place[0]);
     const struct lw_vec2 b = {root * (1 - place[1]), root * place[1]};
-    /* Which of two sides: the half of `way` says. */
+    /* The half of `way` chooses one of two sides. */
     const bool back = e->both_sides && way[0] >= 0.5f;
     const float point[2] = {e->both_sides ? 2 * way[0] - (back ? 1 : 0) : way[0], way[1]};
     ray->place.u = b.x, ray->place.v = b.y;

@@ -47,7 +47,7 @@ struct lw_lamp_ray {
 bool lw_lamp_rays_draw(const struct lw_lamp_rays *lamps, float pick, const float place[2], const float way[2],
                        struct lw_lamp_ray *out_ray);
 
-/** What a point would get from a place on a lamp if nothing is in the way. irradiance_normal is that times a
+/** Unshadowed irradiance of a point from a place on a lamp. irradiance_normal is that times a
  * factor of the place's own, the same for all points and poses; 0 where no light goes. */
 struct lw_light_sample lw_lamp_rays_sight(const struct lw_lamp_rays *lamps, const struct lw_lamp_place *place,
                                           struct lw_vec3 point_ws);

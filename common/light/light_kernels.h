@@ -5,8 +5,8 @@
 #ifndef LW_COMMON_LIGHT_KERNELS_H
 #define LW_COMMON_LIGHT_KERNELS_H
 
+#include "common/base/wide.h"
 #include "common/light/lights.h"
-#include "common/wide.h"
 
 #include <float.h>
 
@@ -20,7 +20,7 @@ LW_WIDE_INLINE float lw_light_smaller(float a, float b) { return a < b ? a : b; 
 #define LW_LIGHT_COSINE_SLACK 2e-3f
 #define LW_LIGHT_BELOW_ONE    0x1.fffffep-1f
 
-/* What a choice reads of a node: a line of memory. */
+/* Part of a node that a choice reads: one cache line. */
 struct lw_light_node {
     struct lw_vec3 centre; /* the centre of the ball around its box */
     float radius, power;
@@ -33,7 +33,7 @@ struct lw_light_node {
 };
 _Static_assert(sizeof(struct lw_light_node) <= 64, "a line");
 
-/* Where light arrives: a region (light_tree.h), or a point of a surface as a region of no extent. */
+/* Receiver of light: a region (light_tree.h), or a point of a surface as a region of no extent. */
 struct lw_light_place {
     struct lw_vec3 centre, normal;
     float radius, cos_spread, sin_spread;
@@ -57,8 +57,8 @@ LW_WIDE_INLINE float lw_light_cos_of_rest(float cos_a, float cos_b, float sin_b,
     return sin_bc < 0 ? 1 : less; /* b + c is more than any angle */
 }
 
-/* What a group may give: power x cos x cos' / d^2, with the angles that favour it most. 0 only where it gives
- * nothing. */
+/* Upper bound of a group's light: power x cos x cos' / d^2, with the most favourable angles. 0 only where it
+ * gives nothing. */
 LW_WIDE_INLINE float lw_light_importance(const struct lw_light_node *node, struct lw_light_place place) {
     const struct lw_vec3 to = lw_vec3_sub(node->centre, place.centre);
     /* the vectors from points of one ball to those of another are those from a point to a ball of both
@@ -107,15 +107,15 @@ LW_WIDE_INLINE struct lw_vec2 lw_light_by_area(float u, float v) {
     return (struct lw_vec2){v * root, root * (1 - v)};
 }
 
-/* Whether a point is so near to an emitter that it may be sampled by the solid angle that it fills. */
+/* Whether a point is near enough to an emitter to sample the emitter by solid angle. */
 LW_WIDE_INLINE bool lw_light_is_near(const struct lw_emitter *e, struct lw_vec3 point) {
     const struct lw_vec3 middle = lw_light_to_emitter(e, point, (struct lw_vec2){1.0f / 3, 1.0f / 3});
     return lw_vec3_dot(middle, middle) <= e->near_m2;
 }
 
-/* Density per solid angle of a direction to an emitter at a distance. inverse_sr: of the solid angle over
- * which it was chosen evenly; 0: it was evenly over the emitter's area: d^2 / (A cos'). 0 where the emitter
- * shows a side that does not shine. */
+/* Density per solid angle of a direction to an emitter at a distance. inverse_sr: 1 / solid angle of uniform
+ * sampling; 0: the sample is uniform over the emitter's area, d^2 / (A cos'). 0 where the emitter shows a
+ * side that does not shine. */
 LW_WIDE_INLINE float lw_light_emitter_pdf(const struct lw_emitter *e, float inverse_sr,
                                           struct lw_vec3 direction, float distance_m) {
     const float facing = -lw_vec3_dot(direction, e->normal), back = e->both_sides ? -1.0f : 1.0f;

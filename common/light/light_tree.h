@@ -7,8 +7,8 @@
 #ifndef LW_COMMON_LIGHT_TREE_H
 #define LW_COMMON_LIGHT_TREE_H
 
-#include "common/status.h"
-#include "common/vec.h"
+#include "common/base/status.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 
@@ -79,7 +79,7 @@ struct lw_light_draw {
 uint32_t lw_light_tree_draw(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
                             struct lw_light_draw *out_draw);
 
-/** What all lights together may give to a point, roughly, W/m^2; 0: nothing. */
+/** Estimate of the irradiance of all lights together at a point, W/m^2; 0: none reaches it. */
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,
                             struct lw_vec3 normal_ws);
 

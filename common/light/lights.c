@@ -1,7 +1,7 @@
 #include "common/light/lights.h"
 
-#include "common/cdf.h"
-#include "common/colour.h"
+#include "common/base/cdf.h"
+#include "common/base/colour.h"
 #include "common/light/direction.h"
 #include "common/light/light_kernels.h"
 #include "common/light/spherical_triangle.h"
@@ -28,7 +28,7 @@ static bool is_uniform(const struct lw_material *m) {
     return m->emission_texture.texture == LW_SCENE_NONE && m->alpha_mode == LW_ALPHA_OPAQUE;
 }
 
-/* What a point of an emitter sends out: nothing where it is cut out, its share where it is transparent. */
+/* Emitted radiance at a point of an emitter: none where it is cut out, a share where it is transparent. */
 static struct lw_vec3 radiance_at(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle,
                                   float u, float v) {
     struct lw_surface surface;
@@ -369,8 +369,8 @@ struct choice {
     float cdf[LW_LIGHTS_EXACT_MAX];
 };
 
-/* What an emitter may give to a point of a surface: power / distance^2, less where it faces away, a tenth at
- * least: its middle says little about its rim. 0 where emitter or surface faces away. */
+/* Estimate of an emitter's light at a point of a surface: power / distance^2, less if it faces away, but a
+ * tenth at least, since its rim may face the point. 0 where emitter or surface faces away. */
 static float emitter_weight(const struct lw_emitter *e, struct lw_vec3 point, struct lw_vec3 normal) {
     struct lw_vec3 a = lw_vec3_sub(e->corner, point);
     float height = -lw_vec3_dot(a, e->normal), above = lw_vec3_dot(a, normal);
@@ -437,7 +437,7 @@ static struct lw_light_sample sample_near(const struct lw_lights *lights, uint32
     return sample;
 }
 
-/* What lies behind the surface, or is no number, counts as nothing. */
+/* Light from behind the surface, and NaN, count as none. */
 static struct lw_light_sample keep_above(struct lw_light_sample sample, struct lw_vec3 normal) {
     if (lw_vec3_dot(sample.direction, normal) > 0 && lw_vec3_is_finite(sample.irradiance_normal))
         return sample;

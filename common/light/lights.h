@@ -27,7 +27,7 @@ struct lw_emitter {
     uint32_t object, triangle;
 };
 
-/** Which lights take part; the others count as dark. Zeroed: all. */
+/** The lights that take part. All others are dark. Zeroed: all. */
 struct lw_lights_part {
     const uint8_t *light, *material; /* an entry for each of the scene's; they outlive the lights */
     uint8_t value;                   /* lights and materials with this entry take part */
@@ -51,7 +51,7 @@ struct lw_lights {
     struct lw_light_bounds *bounds;
     struct lw_environment_importance environment;
     float sky_luminance; /* mean of sky and environment over the sphere, W/(m^2 sr) */
-    float bright_share;  /* share of the sky's samples that go where the environment stands out of its mean */
+    float bright_share;  /* share of the sky's samples towards radiance above the environment's mean */
 };
 
 /** All lights of a scene. Errors: LW_NO_MEMORY. */
@@ -101,14 +101,13 @@ struct lw_light_sample lw_lights_sample_near(const struct lw_lights *lights, uin
                                              float probability, float u, float v, struct lw_vec3 point_ws,
                                              struct lw_vec3 normal_ws);
 
-/** What an emitter sends out, W/(m^2 sr), at barycentrics b of its 2nd and 3rd vertex. */
+/** Emitted radiance of an emitter, W/(m^2 sr), at barycentrics b of its 2nd and 3rd vertex. */
 struct lw_vec3 lw_lights_radiance(const struct lw_lights *lights, uint32_t emitter, struct lw_vec2 b);
 
 /** ONE sample of all lights together, for a surface at point_ws with unit normal normal_ws: `pick` chooses
  * the light by its possible contribution, (u, v) the point on it; all in [0, 1). irradiance_normal x cos is
  * an unbiased estimate of the whole direct E before visibility; it includes the probability of the choice.
- * Light from behind the normal's plane is left out. Where nothing can light the point, irradiance_normal is
- * 0. */
+ * Light from behind the normal's plane is left out. If no light reaches the point, irradiance_normal is 0. */
 struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
                                         struct lw_vec3 normal_ws, float pick, float u, float v);
 
@@ -119,7 +118,7 @@ struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct l
 float lw_lights_pdf_emitter(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                             uint32_t object, uint32_t triangle, float u, float v, struct lw_vec3 direction,
                             float distance_m);
-/** The same for a ray that left the scene. What it sees is lw_scene_sky(). */
+/** The same for a ray that left the scene. Its radiance is lw_scene_sky(). */
 float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws, struct lw_vec3 normal_ws,
                         struct lw_vec3 direction);
 

@@ -14,7 +14,7 @@ LW_WIDE_INLINE struct lw_vec3 normal(const struct lw_points16 *p, int lane) {
     return lw_vec3(p->nx[lane], p->ny[lane], p->nz[lane]);
 }
 
-/* What lies behind the surface, or is no number, counts as nothing. */
+/* Light from behind the surface, and NaN, count as none. */
 LW_WIDE_INLINE struct lw_vec3 arriving(struct lw_vec3 irradiance_normal, float cosine) {
     const struct lw_vec3 e = lw_vec3_scale(irradiance_normal, cosine);
     const float sum = e.x + e.y + e.z;
@@ -46,7 +46,7 @@ struct choice {
     float pick[LANES], probability[LANES];
 };
 
-/* What a node may give to each point. */
+/* Bound of a node's light at each point. */
 LW_WIDE static void weigh_points(const struct lw_light_node *at, const struct lw_points16 *restrict points,
                                  float *restrict out) {
     const struct lw_light_node node = *at;

@@ -5,8 +5,8 @@
 #ifndef LW_COMMON_LIGHTS16_H
 #define LW_COMMON_LIGHTS16_H
 
+#include "common/base/points16.h"
 #include "common/light/lights.h"
-#include "common/points16.h"
 
 /** A sample of light for each of sixteen points, world space. */
 struct lw_light_sample16 {

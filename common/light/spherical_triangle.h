@@ -5,7 +5,7 @@
 #ifndef LW_COMMON_SPHERICAL_TRIANGLE_H
 #define LW_COMMON_SPHERICAL_TRIANGLE_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 /** A triangle as the origin sees it. */
 struct lw_spherical_triangle {

@@ -1,6 +1,6 @@
 #include "common/light/virtual_paths.h"
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 #include <math.h>
 #include <stdlib.h>

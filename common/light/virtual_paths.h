@@ -1,4 +1,4 @@
-/* virtual_paths.h: the paths that virtual point lights come in: which of them are lost, whose turn it is.
+/* virtual_paths.h: paths of virtual point lights: lost paths, and the order in which paths are traced again.
  * Flow:    what moved, whose turn -> [virtual_paths: asks its owner for rays] -> states of lights
  * Threads: one thread.
  * After:   Tonna 2019 (validity by occlusion from the parent, a bounded number shot again each frame, sets in
@@ -10,7 +10,7 @@
 #ifndef LW_COMMON_VIRTUAL_PATHS_H
 #define LW_COMMON_VIRTUAL_PATHS_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -60,10 +60,10 @@ static inline bool lw_virtual_paths_is_lit(const struct lw_virtual_paths *paths,
 /** d0 by itself, m: nearer than that a light is not brighter. area_m2: of all surfaces. */
 float lw_virtual_paths_near_m(const struct lw_virtual_paths *paths, double area_m2);
 
-/** Loses a light and all that descend from it. */
+/** Loses a light and its descendants. */
 void lw_virtual_paths_lose(struct lw_virtual_paths *paths, uint32_t path, uint32_t bounce);
 
-/** What the owner of the lights does. */
+/** Rays that the owner of the lights traces. */
 struct lw_virtual_paths_rays {
     void *context;
     /** Whether its parent sees a light that is lit. */

@@ -1,11 +1,11 @@
 #include "common/lightmap/lightmap.h"
 
+#include "common/base/progress.h"
 #include "common/lightmap/lightmap_chart.h"
 #include "common/lightmap/lightmap_check.h"
 #include "common/lightmap/lightmap_density.h"
 #include "common/lightmap/lightmap_pack.h"
 #include "common/lightmap/lightmap_things.h"
-#include "common/progress.h"
 #include "common/scene/pose.h"
 
 #include <float.h>
@@ -27,7 +27,7 @@
 /* Where the number of texels bounds the density: the most of them that one object takes before the others
  * have the density that is wanted. */
 #define SHARE_MAX 0.5
-/* What rounding may add to the area of coordinates that fill the unit square. */
+/* Rounding error of the area of coordinates that fill the unit square. */
 #define UV_AREA_NOISE 1e-3
 
 /* Halvings of the density before a mesh is given up: by then every chart has the smallest rectangle there

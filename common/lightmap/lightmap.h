@@ -28,7 +28,7 @@
 /* Defaults; plain numbers, so that help texts print them. Reasons: docs/lab/density.md. */
 #define LW_LIGHTMAP_DENSITY_DEFAULT 5       /* texels per metre */
 #define LW_LIGHTMAP_ACROSS          16      /* texels across a thing, if they are no more in all than ... */
-#define LW_LIGHTMAP_TEXELS_FINE     100000  /* ... this: what light that is finer may cost */
+#define LW_LIGHTMAP_TEXELS_FINE     100000  /* ... this: a limit of the cost of finer light */
 #define LW_LIGHTMAP_TEXELS_MIN      20000   /* a scene of a few square metres has a higher density */
 #define LW_LIGHTMAP_TEXELS_MAX      1000000 /* or half the triangles of all objects, if that is more */
 #define LW_LIGHTMAP_SIDE_DEFAULT    4096    /* texels */
@@ -69,7 +69,7 @@ struct lw_lightmap_desc {
     const char *density_of;
 };
 
-/** What became of one mesh. */
+/** Result for one mesh. */
 struct lw_lightmap_report {
     uint32_t mesh;
     uint32_t atlas_width, atlas_height;

@@ -2,13 +2,13 @@
  * Flow:    [apart] serves charts while they grow and merge
  * Threads: one belongs to one thread.
  *
- * A bilinear lookup reads texels up to one texel away. Where an arm of a chart comes near another without
- * touching it, the two would read the same texels, and light of either place would show at both. */
+ * A bilinear lookup reads texels up to one texel away. Two arms of a chart that come near without touching
+ * would read the same texels, and each would show light of both places. */
 #ifndef LW_COMMON_LIGHTMAP_APART_H
 #define LW_COMMON_LIGHTMAP_APART_H
 
-#include "common/status.h"
-#include "common/vec.h"
+#include "common/base/status.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 

@@ -1,8 +1,8 @@
 #include "common/lightmap/lightmap_check.h"
 
+#include "common/base/union_find.h"
 #include "common/lightmap/lightmap.h"
 #include "common/lightmap/lightmap_topology.h"
-#include "common/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -393,7 +393,7 @@ static void join_owners(uint32_t *owner, uint32_t other) {
     *owner = *owner == LW_SCENE_NONE ? other : MIXED;
 }
 
-/* What look-ups of level 0 read goes into the coarser ones: gutters too. */
+/* Coarser levels are means of all texels that look-ups of level 0 read, gutters included. */
 static void own(void *context, uint32_t triangle, size_t texel, const struct polygon *part) {
     struct mixture *m = context;
     (void)part;

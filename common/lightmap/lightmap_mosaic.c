@@ -123,7 +123,7 @@ static enum lw_status mosaic_init(struct mosaic *m, uint32_t width, uint32_t hei
     return m->row ? LW_OK : LW_NO_MEMORY;
 }
 
-/* What all that lies takes up. */
+/* Bounds of all charts that have a place. */
 struct extent {
     uint32_t right, top;
 };

@@ -4,7 +4,7 @@
 #ifndef LW_COMMON_LIGHTMAP_ORDER_H
 #define LW_COMMON_LIGHTMAP_ORDER_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 

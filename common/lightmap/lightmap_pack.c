@@ -22,7 +22,7 @@
 #define NARROW      0.05f
 #define NARROW_FROM 16.0f /* texels; smaller charts are never narrowed */
 
-/* How far a surface may bend within a texel, radians: 16 texels around a column. Beyond, texels are narrower,
+/* Largest bend of a surface within a texel, radians: 16 texels around a column. Beyond, texels are narrower,
  * by this much at most: a chair's leg stays coarse. (docs/lab/density.md) */
 #define BEND    0.4f
 #define REFINED 2.0f
@@ -34,8 +34,8 @@
 /* Positions that the mosaic may look at, charts times blocks; beyond, the skyline's result has to do. */
 #define MOSAIC_MAX 4e8
 
-/* What all searches for one layout may look at, per item and in all: triangular shapes of many sizes would
- * take the square of their number. Scenes that people make need a tenth of it. */
+/* Limits of the searches for one layout, per item and in all. Without them, triangular shapes of many sizes
+ * would take the square of their number. Scenes that people make need a tenth of it. */
 #define LOOKS_EACH 4096u
 #define LOOKS_MORE (1u << 26)
 

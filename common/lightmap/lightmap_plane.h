@@ -4,8 +4,8 @@
 #ifndef LW_COMMON_LIGHTMAP_PLANE_H
 #define LW_COMMON_LIGHTMAP_PLANE_H
 
-#include "common/status.h"
-#include "common/vec.h"
+#include "common/base/status.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 

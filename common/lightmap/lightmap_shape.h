@@ -3,12 +3,12 @@
 #ifndef LW_COMMON_LIGHTMAP_SHAPE_H
 #define LW_COMMON_LIGHTMAP_SHAPE_H
 
+#include "common/base/vec.h"
 #include "common/lightmap/lightmap.h"
-#include "common/vec.h"
 
 #include <stdint.h>
 
-/* What a rectangle costs beyond its content, on a side: both gutters, and half a block lost to rounding. */
+/* Texels of a rectangle beyond its content, on a side: both gutters, and half a block lost to rounding. */
 #define LW_LIGHTMAP_SHAPE_MARGIN (2.0f * LW_LIGHTMAP_GUTTER + LW_LIGHTMAP_BLOCK / 2.0f)
 
 /** A rectangle at an angle: it spans from low to low + size in the frame (axis, axis turned left), in which

@@ -13,7 +13,7 @@
 /** Whether a chart would waste most of a rectangle of its own. */
 bool lw_lightmap_sliver_is(const struct lw_lightmap_slot *slot, float scale);
 
-/** How many of the slivers, in the order given, go into the next rectangle. */
+/** Number of slivers, in the order given, that the next rectangle takes. */
 uint32_t lw_lightmap_sliver_group(const struct lw_lightmap_slot *slot, const uint32_t *member, uint32_t count,
                                   float scale);
 

@@ -25,7 +25,7 @@ struct lw_lightmap_topology {
 /** scale  texels per unit of object space.  Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_topology_init(struct lw_lightmap_topology *topology,
                                                        const struct lw_mesh *mesh, double scale);
-/** Where a triangle's corners are, in texels. */
+/** Corners of a triangle, in texels. */
 void lw_lightmap_topology_places(const struct lw_lightmap_topology *topology, uint32_t triangle,
                                  struct lw_vec3 out_place[3]);
 void lw_lightmap_topology_finish(struct lw_lightmap_topology *topology);

@@ -1,6 +1,6 @@
 #include "common/nats/nats_link.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <errno.h>
 #include <pthread.h>
@@ -185,7 +185,7 @@ static enum lw_status set_tls(natsOptions *options, const struct lw_nats_link_de
     return status == NATS_OK ? LW_OK : lw_status_fail(err, LW_NO_MEMORY, "out of memory");
 }
 
-/* What libnats says of a failure, without the place in its source. */
+/* libnats's text of a failure, without the place in its source. */
 static const char *last_error(natsStatus status) {
     natsStatus last = NATS_OK;
     const char *text = nats_GetLastError(&last);

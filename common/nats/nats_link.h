@@ -7,8 +7,8 @@
 #ifndef LW_NATS_NATS_LINK_H
 #define LW_NATS_NATS_LINK_H
 
-#include "common/status.h"
-#include "common/tls_trust_desc.h"
+#include "common/base/status.h"
+#include "common/base/tls_trust_desc.h"
 
 #include <nats/nats.h>
 #include <stdbool.h>
@@ -69,7 +69,7 @@ enum lw_nats_link_event lw_nats_link_take(struct lw_nats_link *link, natsMsg **o
 int lw_nats_link_descriptor(const struct lw_nats_link *link);
 void lw_nats_link_wake(struct lw_nats_link *link); /* [any] */
 
-/** What to tell people of a failure of JetStream's. */
+/** Text for people of a failure of JetStream. */
 const char *lw_nats_link_text(natsStatus status, jsErrCode code);
 /** Whether it says that there is no JetStream. */
 bool lw_nats_link_lacks_jetstream(natsStatus status, jsErrCode code);

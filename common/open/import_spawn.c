@@ -1,10 +1,10 @@
 #include "common/open/import_spawn.h"
 
-#include "common/clock.h"
-#include "common/folders.h"
-#include "common/log.h"
-#include "common/program_path.h"
-#include "common/sanitizer.h"
+#include "common/base/clock.h"
+#include "common/base/folders.h"
+#include "common/base/log.h"
+#include "common/base/program_path.h"
+#include "common/base/sanitizer.h"
 #include "common/scene/package.h"
 
 #include <errno.h>

@@ -1,5 +1,5 @@
-/* import_spawn.h: gets a scene without letting outside files into this process: lightwell-import reads them
- * in a process of its own, and what it wrote is read back through the strict package reader.
+/* import_spawn.h: gets a scene without outside files in this process. lightwell-import reads the files in a
+ * process of its own, and the strict package reader reads its output.
  * Flow:    SCENE -> [lightwell-import] -> temporary .lwscene -> scene
  * Threads: one call at a time per process is meant, any thread; it waits for the importer. */
 #ifndef LW_IMPORT_SPAWN_H

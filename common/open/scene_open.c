@@ -1,6 +1,6 @@
 #include "common/open/scene_open.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <string.h>
 #include <strings.h>

@@ -4,9 +4,9 @@
 #ifndef LW_COMMON_SCENE_OPEN_H
 #define LW_COMMON_SCENE_OPEN_H
 
+#include "common/base/options.h"
 #include "common/lightmap/lightmap.h"
 #include "common/open/import_spawn.h"
-#include "common/options.h"
 
 /* The default angular diameter of directional lights: the sun's. */
 #define LW_SCENE_OPEN_SUN_DIAMETER_DEG 0.53
@@ -14,7 +14,7 @@
 /* Radiance of the even sky of scenes without a light, where that is asked for, W/(m^2 sr). */
 #define LW_SCENE_OPEN_PLAIN_SKY 1.0f
 
-/** What the shared options say. {0} with sun_angle_deg set to the constant above is all defaults. */
+/** Values of the shared options. {0} with sun_angle_deg set to the constant above is all defaults. */
 struct lw_scene_open {
     const char *path;        /* .lwscene, any format that lightwell-import reads, or "builtin:NAME" */
     double texels_per_metre; /* 0: the importer's default */
@@ -34,7 +34,7 @@ struct lw_scene_open {
     const _Atomic bool *cancel; /* may be NULL */
 };
 
-/** The rows of an option table (common/options.h) that fill these settings. open: a pointer to a
+/** The rows of an option table (common/base/options.h) that fill these settings. open: a pointer to a
  * struct lw_scene_open. */
 /* clang-format off */
 #define LW_SCENE_OPEN_OPTIONS(open)                                                                         \
@@ -68,7 +68,7 @@ struct lw_scene_open {
  * like a file of a scene, or begins with "builtin:". */
 bool lw_scene_open_is_scene(const char *text);
 
-/** Opens a scene; overrides become part of it, and so of the package that clients get.
+/** Opens a scene. Overrides become part of the scene, and of the package that clients get.
  * Errors: as lw_import_spawn(); LW_BAD_DATA where nothing shines. */
 LW_MUST_CHECK enum lw_status lw_scene_open(const struct lw_scene_open *open, struct lw_scene **out_scene,
                                            struct lw_error *err);

@@ -1,7 +1,7 @@
 #include "common/scene/environment.h"
 
-#include "common/cdf.h"
-#include "common/colour.h"
+#include "common/base/cdf.h"
+#include "common/base/colour.h"
 
 #include <stdlib.h>
 

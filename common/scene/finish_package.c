@@ -44,7 +44,7 @@ struct tangents_of {
     const uint16_t *tangent;
 };
 
-/* What the package holds, in its order. */
+/* Contents of the package, in their order. */
 struct content {
     struct lw_scene *scene;
     struct finish_of *finish;
@@ -167,7 +167,7 @@ static void all_records(struct lw_records *c, struct content *of) {
 
 /* ---- writing ---- */
 
-/* What a scene has. False: no memory. */
+/* Counts of a scene's finishes. False: no memory. */
 static bool gather(const struct lw_scene *scene, struct lw_scene *copy, struct content *out) {
     *copy = *scene; /* the original is only read */
     *out = (struct content){.scene = copy,

@@ -16,7 +16,7 @@ LW_MUST_CHECK enum lw_status lw_finish_package_write(const struct lw_scene *scen
 
 /** Gives a valid scene without finishes those of a package from outside: material.finish, mesh.tangent,
  * finish_texture. Nobody else may read the scene meanwhile. `bytes` may be freed afterwards. Checks as
- * lw_package_read(). A package that is refused leaves the scene as it was, but for memory.
+ * lw_package_read(). A refused package changes nothing of the scene but the memory that it holds.
  * Errors: LW_BAD_DATA naming the section and field, or finishes of another scene; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t size, struct lw_scene *scene,
                                                     struct lw_error *err);
@@ -25,9 +25,9 @@ LW_MUST_CHECK enum lw_status lw_finish_package_read(const uint8_t *bytes, size_t
 LW_MUST_CHECK enum lw_status lw_finish_package_take(uint8_t *bytes, size_t size, struct lw_scene *scene,
                                                     struct lw_error *err);
 
-/** Cuts a package into parts, each of which clients may have already: before each texture's pixels. Bytes
- * that are none are one part. *out_end: where each part ends, the last one at size; malloc'ed, the caller's.
- * size > 0. Errors: LW_NO_MEMORY. */
+/** Cuts a package into parts, each of which clients may have already: before each texture's pixels. Other
+ * bytes are one part. *out_end: where each part ends, the last one at size; malloc'ed, the caller's. size >
+ * 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_finish_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end,
                                                    size_t *out_count);
 

@@ -1,6 +1,6 @@
 #include "common/scene/package.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 #include "common/scene/finish_package.h"
 #include "common/scene/pixel_filter.h"
 #include "common/scene/records.h"
@@ -252,7 +252,7 @@ static void all_records(struct lw_records *c, struct lw_scene *scene) {
                     channel_record(c, &element))
 }
 
-/* How many sections a version has; 0: it is not known. */
+/* Number of a version's sections; 0: the version is not known. */
 static uint32_t sections_of(uint32_t version) {
     static const uint32_t of[LW_PACKAGE_VERSION + 1] = {0,
                                                         SECTION_COUNT_V1,

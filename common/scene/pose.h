@@ -55,7 +55,7 @@ enum lw_pose_change {
     LW_POSE_DYNAMIC = 16 /* which objects are, of those that have no channel */
 };
 
-/** What differs between two moments of a scene, bit for bit: LW_POSE_* or 0. Not time, not cameras. */
+/** Differences between two moments of a scene, bit for bit: LW_POSE_* or 0. Not time, not cameras. */
 unsigned lw_pose_difference(const struct lw_pose *a, const struct lw_pose *b, const struct lw_scene *scene);
 
 /** Whether an object's transform or visibility differs. */

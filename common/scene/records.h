@@ -5,8 +5,8 @@
 #ifndef LW_COMMON_RECORDS_H
 #define LW_COMMON_RECORDS_H
 
+#include "common/base/status.h"
 #include "common/scene/scene.h"
-#include "common/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

@@ -23,7 +23,7 @@ struct storage {
     struct chunk *large; /* one array each */
 };
 
-/* What create() allocates in one piece. */
+/* Memory that create() allocates in one piece. */
 struct whole {
     struct lw_scene scene;
     struct storage storage;

@@ -7,9 +7,9 @@
 #ifndef LW_COMMON_SCENE_H
 #define LW_COMMON_SCENE_H
 
+#include "common/base/status.h"
+#include "common/base/vec.h"
 #include "common/shading/lobes.h"
-#include "common/status.h"
-#include "common/vec.h"
 
 #include <stdint.h>
 
@@ -35,7 +35,7 @@
 #define LW_SCENE_DURATION_MAX         1e9f  /* s */
 #define LW_SCENE_ENVIRONMENT_SIDE_MAX 4096u /* texels, either way */
 
-/* What the four bytes of a texel are. */
+/* Meaning of the four bytes of a texel. */
 enum lw_content {
     LW_CONTENT_COLOUR,  /* R, G, B sRGB; A linear, not premultiplied */
     LW_CONTENT_NORMAL,  /* R, G: x and y of a unit normal in tangent space, 127.5 (1 + x); B: z; A: 255 */
@@ -65,15 +65,15 @@ enum lw_alpha_mode {
     LW_ALPHA_BLEND /* lets the fraction 1 - alpha of light pass */
 };
 
-/** What a file says about a light's direct light: common/light/client_lights.h. */
+/** The file's choice of who draws a light's direct light: common/light/client_lights.h. */
 enum lw_drawn_by { LW_DRAWN_BY_RULE /* nothing */, LW_DRAWN_BY_CLIENTS, LW_DRAWN_BY_SERVER };
 
-/** How smooth a surface is, what it mirrors, and its small relief: metallic-roughness as glTF 2.0 has it,
+/** Roughness, mirrored light and relief of a surface: glTF 2.0's metallic-roughness,
  * with KHR_materials_specular and KHR_materials_ior. Textures are of lw_scene.finish_texture. */
 struct lw_finish {
     float metalness, roughness;            /* [0, 1]; times B and G of the texture */
     struct lw_texture_use surface_texture; /* LW_CONTENT_SURFACE */
-    /* What a dielectric mirrors: at normal incidence min(((ior - 1) / (ior + 1))^2 colour, 1) specular, at
+    /* Reflectance of a dielectric: at normal incidence min(((ior - 1) / (ior + 1))^2 colour, 1) specular, at
      * grazing incidence specular. 0 and metalness 0: nothing, a matt surface. */
     float specular;                         /* [0, 1]; times A of the texture */
     float specular_colour[3];               /* >= 0; times R, G, B of the texture */
@@ -89,7 +89,7 @@ struct lw_finish {
 /** Diffuse reflection base_colour/pi, plus emission. A single-sided surface reflects and emits from its
  * front. With a finish it also mirrors, and base_colour is the metal's, or that of the layer under the gloss.
  *
- * An unlit surface is seen as its base colour, 1 W/(m^2 sr) for 1, whatever light falls on it. It reflects
+ * An unlit surface has the radiance of its base colour, 1 W/(m^2 sr) for 1, under any light. It reflects
  * nothing, and lights nothing. */
 struct lw_material {
     const char *name;
@@ -171,7 +171,7 @@ struct lw_light {
 struct lw_camera {
     const char *name;
     uint32_t node;  /* looks along -Z, up is +Y */
-    float fov_y;    /* radians; of an orthographic camera for those who know none */
+    float fov_y;    /* radians; an orthographic camera has one for renderers that know only perspective */
     float height_m; /* height of an orthographic camera's view; 0: a perspective one */
 };
 
@@ -260,7 +260,7 @@ LW_MUST_CHECK enum lw_status lw_scene_add_object(struct lw_scene *scene, uint32_
 
 /** Checks everything that other code relies on: counts, indices, order of nodes, finite numbers, unit
  * quaternions and normals (within 1 %), increasing key times, atlas sizes, names (UTF-8, never NULL), no
- * empty mesh. The package reader calls it; importers call it before they write.
+ * empty mesh. The package reader calls it, and importers before they write.
  * Errors: LW_BAD_DATA naming the element and field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_scene_validate(const struct lw_scene *scene, struct lw_error *err);
 
@@ -367,7 +367,7 @@ void lw_scene_facet_texels(const struct lw_scene *scene, const struct lw_facet *
  * stays. */
 void lw_scene_facet_colour(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                            const struct lw_texture_quad *texels, struct lw_surface *out);
-/** The same without albedo, which stays; the emission is without what of an unlit surface is seen. */
+/** The same without albedo, which stays. Emission is without the base colour of unlit surfaces. */
 void lw_scene_facet_base(const struct lw_scene *scene, const struct lw_facet *facet, const float weight[3],
                          const struct lw_texture_quad *texels, struct lw_surface *out);
 
@@ -375,7 +375,7 @@ void lw_scene_facet_base(const struct lw_scene *scene, const struct lw_facet *fa
 struct lw_vec4 lw_scene_specular_texel(const struct lw_scene *scene, const struct lw_finish *finish,
                                        const struct lw_texture_quad *texels);
 
-/** How a point of a surface scatters light. */
+/** Scattering of light at a point of a surface. */
 struct lw_finish_point {
     struct lw_lobes lobes;
     float occlusion;        /* share of light from everywhere that arrives: [0, 1] */
@@ -387,7 +387,7 @@ struct lw_finish_point {
 void lw_scene_finish(const struct lw_scene *scene, const struct lw_mesh *mesh, uint32_t triangle, float u,
                      float v, const struct lw_surface *surface, struct lw_finish_point *out);
 /** The normal of a bumpy point. normal, tangent: world space or object space, the tangent of any length; both
- * on the side of the surface where the map is as it was drawn, the front. Unit. */
+ * on the front of the surface, where the map is not mirrored. Unit. */
 struct lw_vec3 lw_scene_bump(const struct lw_finish_point *point, struct lw_vec3 normal,
                              struct lw_vec3 tangent);
 
@@ -401,7 +401,7 @@ static inline struct lw_vec3 lw_scene_light_normal(struct lw_vec3 shading, struc
     return lw_vec3_dot(shading, geometric) <= 0.01f ? geometric : shading;
 }
 
-/** Where light rays start on a smooth-shaded triangle, object space: above its flat face, on the curved
+/** Start of light rays on a smooth-shaded triangle, object space: above its flat face, on the curved
  * surface that the corners' normals describe. So a coarse mesh does not shade itself along its edges (Hanika,
  * Hacking the Shadow Terminator, in Ray Tracing Gems II, 2021):
  *     p + sum over corners of w_i k_i max(0, (v_i - p) . n_i) n_i

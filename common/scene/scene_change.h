@@ -60,7 +60,7 @@ struct lw_scene_change {
     float value[LW_SCENE_CHANGE_VALUES_MAX];
 };
 
-/* code, its number on the wire (for ever), what it means */
+/* code, its number on the wire, which never changes, and its meaning */
 #define LW_SCENE_CHANGE_CODE_MAP(X)                                                                          \
     X(OK, 0, "done")                                                                                         \
     X(BUSY, 1, "too many updates wait for a frame")                                                          \
@@ -90,9 +90,9 @@ const char *lw_scene_change_text(uint32_t code);
 /** Number of targets of a kind in a scene; 1 for the scene itself. */
 uint32_t lw_scene_change_targets(const struct lw_scene *scene, enum lw_scene_change_of of);
 
-/** Whether a change of a scene is valid, without regard to earlier changes. Which objects are in the scene
- * depends on earlier changes: scene_roster.h checks it. Returns LW_SCENE_CHANGE_OK, or why not, with
- * LW_BAD_DATA and one line of under 200 bytes of ASCII in *err. */
+/** Whether a change of a scene is valid, without regard to earlier changes. The objects in the scene depend
+ * on earlier changes: scene_roster.h checks that. Returns LW_SCENE_CHANGE_OK, or why not, with LW_BAD_DATA
+ * and one line of under 200 bytes of ASCII in *err. */
 enum lw_scene_change_code lw_scene_change_check(const struct lw_scene *scene,
                                                 const struct lw_scene_change *change, struct lw_error *err);
 

@@ -38,7 +38,7 @@ static float emission_of(const struct lw_scene *scene, uint32_t object) {
     return strongest;
 }
 
-/* What each node and its descendants carry. */
+/* Contents of each node and its descendants. */
 static uint8_t *list_loads(const struct lw_scene *scene) {
     uint8_t *load = calloc((size_t)scene->node_count + 1, 1);
     if (!load) return NULL;
@@ -98,7 +98,7 @@ static enum lw_status push_channel(struct lw_scene *scene, uint32_t node, enum l
     return LW_OK;
 }
 
-/* Two more nodes, the second below the first. What hangs on the second moves with the first. */
+/* Two more nodes, the second below the first. Children of the second move with the first. */
 static enum lw_status add_mover(struct lw_scene *scene, uint32_t parent, uint32_t *out_node) {
     struct lw_node *node = copy_with_room(scene, scene->node, scene->node_count, 2, sizeof *node);
     if (!node) return LW_NO_MEMORY;
@@ -338,7 +338,7 @@ static bool node_moves(const struct lw_pose *pose, uint32_t node) {
     return node != LW_SCENE_NONE && pose->node_moves[node];
 }
 
-/* What it sends out, W: a spot within the middle of its cone's edge. */
+/* Radiant power, W. A spot has it within the middle of its cone's edge. */
 static float power_of(const struct lw_light *light) {
     const float cone =
         light->kind == LW_LIGHT_SPOT ? 1 - cosf(0.5f * (light->inner_cone + light->outer_cone)) : 2;
@@ -418,7 +418,7 @@ static float intersect(struct lw_vec3 p, struct lw_vec3 d, const struct lw_vec3 
     return u >= 0 && w >= 0 && u + w <= 1 ? lw_vec3_dot(qe, f) / determinant : NAN;
 }
 
-/* How far the mover's middle goes either way before it meets anything but itself. */
+/* Distance that the mover's middle has either way before it meets another object. */
 static void free_line(const struct lw_scene *scene, const struct lw_pose *pose, uint32_t but,
                       struct lw_vec3 p, struct lw_vec3 d, float out_free_m[2]) {
     for (uint32_t o = 0; o < scene->object_count; o++) {
@@ -497,7 +497,7 @@ enum lw_status lw_scene_motion_find_way(const struct lw_scene *scene, enum lw_sc
     return status;
 }
 
-/* How many times the mover goes to and fro in the animation. */
+/* Number of round trips of the mover in the animation. */
 static uint32_t rounds_of(const struct lw_scene *scene) {
     return (uint32_t)fmaxf(1, roundf(scene->duration_s / ROW_S));
 }

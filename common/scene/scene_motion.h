@@ -7,7 +7,7 @@
 
 #include "common/scene/scene.h"
 
-/* The first four keep what the scene's own animation says; the others replace it by one mover. */
+/* The first four keep the scene's own animation. The others replace it by one mover. */
 enum lw_scene_motion {
     LW_SCENE_MOTION_STATIC,      /* nothing */
     LW_SCENE_MOTION_LIGHT,       /* what carries a light or an emissive surface */
@@ -42,7 +42,7 @@ struct lw_scene_motion_report {
     float speed_m_s;   /* the lamp's or object's, from 0 to 7 s */
     float speed_deg_s; /* the sun's direction's, from 0 to 7 s */
     float switch_m; /* a lamp that has no surface goes off by being so far away; else its surface shrinks */
-    struct lw_vec3 from_ws, to_ws; /* m: between which lamp or object move */
+    struct lw_vec3 from_ws, to_ws; /* m: ends of the way of lamp or object */
 };
 
 /** Drops the animation that does not belong to a motion; cameras keep theirs, and so does the animation's
@@ -76,8 +76,8 @@ struct lw_scene_motion_way {
 };
 
 /** The way of lamp-walk or carry in a scene to which no motion has been set yet.
- * Lamp:   the brightest emissive object that the scene animates, else the strongest point or spot light (W)
- *         that it does, else the strongest that stands, else the brightest emissive object that stands.
+ * Lamp: the first of these that the scene has: its brightest animated emissive object, its strongest animated
+ * point or spot light (W), its strongest light that stands, its brightest emissive object that stands.
  * Object: of those without emission, at most 3 m and half the scene's longest side long, the one with the
  *         largest surface; animated ones first.
  * Way:    in builtin:atrium and Sponza (the lamp's) from a table, recognised by name and size. Elsewhere it

@@ -15,7 +15,7 @@
  * a number from 1.
  * text    "vase=4,chair=2": 4 spares of mesh vase, 2 of chair. "#3=2": 2 of mesh number 3. "1": one of every
  *         mesh. For the same mesh the last entry counts: "1,hall=0" is one of every mesh except hall
- * Errors: LW_USAGE naming what of the text is wrong; LW_BAD_DATA if the scene grows past a limit;
+ * Errors: LW_USAGE with the wrong part of the text; LW_BAD_DATA if the scene grows past a limit;
  * LW_NO_MEMORY. The scene is as before. */
 LW_MUST_CHECK enum lw_status lw_scene_spares_add(struct lw_scene *scene, const char *text,
                                                  struct lw_error *err);

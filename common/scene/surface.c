@@ -1,4 +1,4 @@
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/scene/scene.h"
 #include "common/shading/tangent.h"
 

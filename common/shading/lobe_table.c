@@ -1,6 +1,6 @@
 #include "common/shading/lobe_table.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/shading/microfacets.h"
 
 #include <pthread.h>

@@ -16,7 +16,7 @@
 #ifndef LW_COMMON_LOBES_H
 #define LW_COMMON_LOBES_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 struct lw_lobes {
     struct lw_vec3 diffuse; /* albedo of the lobe without its gloss, in [0, 1]: base x (1 - metalness) */
@@ -67,7 +67,7 @@ static inline struct lw_vec3 lw_lobes_seen_albedo(const struct lw_lobes_seen *se
     return lw_vec3_add(seen->mirrored, seen->spread);
 }
 
-/** What all lobes send back of light from everywhere, in [0, 1]. Bounces of the solve spread it evenly. */
+/** Reflectance of all lobes for even light, in [0, 1]. Bounces of the solve spread it evenly. */
 struct lw_vec3 lw_lobes_albedo(const struct lw_lobes *lobes);
 
 #endif

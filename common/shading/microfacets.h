@@ -5,7 +5,7 @@
 #ifndef LW_COMMON_MICROFACETS_H
 #define LW_COMMON_MICROFACETS_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 /** Smallest alpha: a mirror's. Sharper ones are rounded away. */
 #define LW_MICROFACETS_ALPHA_MIN 1e-3f

@@ -1,4 +1,4 @@
-/* shading_bend.h: a bumped normal, bent so that what it mirrors to the eye comes from above the surface.
+/* shading_bend.h: a bumped normal, bent so that it mirrors light from above the surface to the eye.
  * Threads: pure functions, [any].
  *
  * A normal map may turn a normal away from the eye, or so far that the mirrored direction lies below the
@@ -9,12 +9,11 @@
  *     n stays where n.v > 0 and r.ng >= t; else r is lifted along ng until r.ng = t, and
  *     n = (v + r) / |v + r|
  *
- * so that n.v > 0 always. All who shade with normal maps bend so. What light shines from below ng gives
- * nothing. */
+ * so that n.v > 0 always. All shaders of normal maps use it. Light from below ng counts as none. */
 #ifndef LW_COMMON_SHADING_BEND_H
 #define LW_COMMON_SHADING_BEND_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 /* Smoothed normals may turn away from the eye at an outline: there ng counts as seen under this cosine. */
 #define LW_SHADING_BEND_SEEN_MIN 1e-3f

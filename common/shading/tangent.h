@@ -6,13 +6,13 @@
 #ifndef LW_COMMON_TANGENT_H
 #define LW_COMMON_TANGENT_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 
 #define LW_TANGENT_MIRRORED 0x8000u
 
-/** normal: unit. tangent: any length; what of it is along the normal does not count. mirrored: w < 0. */
+/** normal: unit. tangent: any length; its part along the normal does not count. mirrored: w < 0. */
 uint16_t lw_tangent_encode(struct lw_vec3 normal, struct lw_vec3 tangent, bool mirrored);
 
 /** The tangent, unit, and glTF's w: the map's y is along w n x tangent. */

@@ -1,6 +1,6 @@
 #include "common/tile/atlas.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

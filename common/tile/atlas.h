@@ -29,8 +29,8 @@
  * server sends a tile that crosses one of these limits. */
 #define LW_ATLAS_COARSE_NOISE 0.25f
 #define LW_ATLAS_MIDDLE_NOISE 0.1f
-/* The error that tiles state whose light is that of coarser lightmaps for now, whatever its noise: views read
- * them at level 2. Noise alone gives at most 1. */
+/* Error of tiles that hold the light of coarser lightmaps for now, with any noise. Views read them at level
+ * 2. Noise alone gives at most 1. */
 #define LW_ATLAS_COARSE_ERROR 1.5f
 
 /** The finest level at which views read a tile. error: its relative error; noise_shown: the share of it that
@@ -59,7 +59,7 @@ struct lw_atlas {
     struct lw_atlas_level finer[LW_ATLAS_FINER_ALL]; /* finer[k - 1] is level LW_ATLAS_FINER + k */
 };
 
-/** How many times finer than level 0 a level is, as a power of two; 0: it is not finer. */
+/** Number of doublings by which a level is finer than level 0; 0: it is not finer. */
 static inline uint32_t lw_atlas_finer(uint32_t level) {
     return level > LW_ATLAS_FINER ? level - LW_ATLAS_FINER : 0;
 }
@@ -106,7 +106,7 @@ LW_MUST_CHECK enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, c
                                                      uint32_t finer, uint32_t room);
 void lw_atlas_map_finish(struct lw_atlas_map *map);
 
-/** How many tiles of finer levels may have ids at a time: those from plain_count on. */
+/** Number of tiles of finer levels that may have ids at a time: ids from plain_count on. */
 static inline uint32_t lw_atlas_map_room(const struct lw_atlas_map *map) {
     return map->tile_count - map->plain_count;
 }
@@ -137,7 +137,7 @@ uint64_t lw_atlas_map_name_tile(const struct lw_atlas_map *map, uint32_t object,
                                 uint32_t tile);
 /** The name of a tile of a finer level that has an id. */
 uint64_t lw_atlas_map_name(const struct lw_atlas_map *map, lw_tile_id id);
-/** Whether an id stands for a tile: all do but those that are for tiles of finer levels, and free. */
+/** Whether an id has a tile. Free ids of finer levels have none. */
 bool lw_atlas_map_is_used(const struct lw_atlas_map *map, lw_tile_id id);
 /** Takes its id from a tile of a finer level. Threads: as lw_fine_ids_release(). */
 void lw_atlas_map_release(const struct lw_atlas_map *map, lw_tile_id id);

@@ -14,8 +14,8 @@
 #define LW_FINE_CHOICE_CHANGE 0.1f
 #define LW_FINE_CHOICE_TEXELS 16.0f
 
-/** How many times finer than level 0 the level that a pixel reads may be, as a power of two; 0: level 0 is
- * fine enough. texels, area  texels of level 0 in the pixel are texels / area; area > 0
+/** Number of doublings by which a pixel's level may be finer than level 0; 0: level 0 is fine enough. texels,
+ * area  texels of level 0 in the pixel are texels / area; area > 0
  * finer         how many finer levels there are */
 static inline int lw_fine_choice(float texels, float area, int finer) {
     int level = 0;

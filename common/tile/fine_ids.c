@@ -1,6 +1,6 @@
 #include "common/tile/fine_ids.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdatomic.h>
 #include <stdlib.h>

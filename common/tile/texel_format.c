@@ -1,6 +1,6 @@
 #include "common/tile/texel_format.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <string.h>

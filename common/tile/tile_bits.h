@@ -4,7 +4,7 @@
 #ifndef LW_COMMON_TILE_BITS_H
 #define LW_COMMON_TILE_BITS_H
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -60,7 +60,7 @@ static inline void lw_tile_bits_put_rice(struct lw_tile_bits_writer *w, uint32_t
     lw_tile_bits_put(w, ((1u << ones) - 1) | low << head | more << (head + k), head + k + more_count);
 }
 
-/* Past the end it reads zeros and counts on; lw_tile_bits_is_at_end() tells. */
+/* Past the end it reads zeros and counts on, which lw_tile_bits_is_at_end() reports. */
 struct lw_tile_bits_reader {
     const uint8_t *at, *end;
     uint64_t held;  /* bits above `count` are zero, or a part of the next bytes */

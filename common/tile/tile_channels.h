@@ -22,7 +22,7 @@ enum {
     LW_TILE_CHANNEL_DIRECTION_SPLIT                  /* all light but that of client lights */
 };
 
-/** How the lossy codec sees values. */
+/** Scale of values in the lossy codec. */
 enum lw_tile_coding {
     LW_TILE_CODING_LIGHT, /* by ratio: three colours, >= 0, as logarithms of brightness and colour */
     LW_TILE_CODING_PLAIN  /* by difference: each plane by itself */

@@ -1,6 +1,6 @@
 #include "common/tile/tile_codec.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "common/tile/tile_dct.h"
 
 #include <math.h>

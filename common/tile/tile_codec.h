@@ -3,7 +3,7 @@
 #ifndef LW_COMMON_TILE_CODEC_H
 #define LW_COMMON_TILE_CODEC_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "common/tile/atlas.h"
 #include "common/tile/tile_dct.h"
 
@@ -67,7 +67,7 @@ bool lw_tile_codec_is_known(uint32_t number);
 /** Decodes a payload of the codec of that number into width*height texels of a float per plane. Bytes may
  * come from anyone: a payload that is truncated, oversized, of the wrong tile or of an unknown codec gives
  * LW_BAD_DATA and leaves `rgb` unspecified but within bounds; so does a scale that is not a positive finite
- * number. What decodes is always finite, and >= 0 unless the channel is signed.
+ * number. Decoded values are always finite, and >= 0 unless the channel is signed.
  * coefficients  NULL, or what a delta of the tile's next version will need; codec 1 leaves them alone */
 LW_MUST_CHECK enum lw_status lw_tile_codec_decode(struct lw_tile_codec *codec,
                                                   const struct lw_tile_channel *channel, uint32_t number,

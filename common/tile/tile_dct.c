@@ -1,8 +1,8 @@
 #include "common/tile/tile_dct.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 #include "common/tile/tile_bits.h"
-#include "common/wide.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -381,7 +381,7 @@ LW_WIDE_INLINE bool get_means(struct lw_tile_bits_reader *r, const uint8_t *scan
 
 /* ---- from coefficients to texels ---- */
 
-/* How many diagonals of a block's coefficients are not all 0, one at least. */
+/* Number of diagonals of a block's coefficients up to the last that is not 0; at least one. */
 LW_WIDE_INLINE uint32_t diagonals_of(const int16_t *coefficient, uint32_t height) {
     const short8 place = {1, 2, 3, 4, 5, 6, 7, 8};
     short8 last = {1};

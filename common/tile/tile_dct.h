@@ -6,7 +6,7 @@
 #ifndef LW_COMMON_TILE_DCT_H
 #define LW_COMMON_TILE_DCT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "common/tile/tile_rans.h"
 
 #define LW_TILE_DCT_SIDE 8u
@@ -31,7 +31,7 @@
 /** Scratch and tables; some 480 KB. */
 struct lw_tile_dct {
     _Alignas(64) float plane[LW_TILE_CHANNEL_PLANES_MAX][LW_TILE_TEXELS_MAX]; /* rows of LW_TILE_SIDE */
-    /* By number of points: [frequency][place], and the same transposed; 0 where there is none. */
+    /* By number of points: [frequency][place], and the same transposed; 0 beyond that number. */
     _Alignas(64) float basis[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     _Alignas(64) float transposed[LW_TILE_DCT_SIDE + 1][LW_TILE_DCT_SIDE][LW_TILE_DCT_SIDE];
     /* The encoder's, and the decoder's of a tile whose coefficients are not kept: as
@@ -54,7 +54,7 @@ struct lw_tile_dct_coefficients {
     _Alignas(64) int16_t coefficient[LW_TILE_DCT_COEFFICIENTS];
 };
 
-/** What an encoder keeps of a tile from one payload to the next; zero: nothing yet. */
+/** State of an encoder for a tile, from one payload to the next. Zeroed before the first. */
 struct lw_tile_dct_history {
     float scale; /* 0: there is nothing to build on */
     uint32_t q;  /* the step's */
@@ -67,7 +67,7 @@ struct lw_tile_dct_history {
 size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t height);
 size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t height);
 
-/** Texels to be encoded, and how.
+/** Texels to be encoded, and options.
  * rgb        width * height, at most LW_TILE_SIDE each, of a float per plane
  * covered    per texel, 0: the decoded value may be anything; NULL: every texel counts
  * step       of every coefficient, in log2(1 + E/scale). None is off by more than 0.56 of it

@@ -1,7 +1,7 @@
 #include "common/tile/tile_rans.h"
 
-#include "common/invariant.h"
-#include "common/wide.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 
 #include <stddef.h>
 #include <stdlib.h>
@@ -218,7 +218,7 @@ LW_WIDE_INLINE byte16 sum_near(const struct lw_tile_rans *rans, uint32_t i) {
     return sum;
 }
 
-/* How many of the lists, the longest first, reach place i. */
+/* Number of lists, the longest first, that reach place i. */
 LW_WIDE_INLINE uint32_t count_active(struct block *const *list, uint32_t count, uint32_t active, uint32_t i) {
     while (active < count && list[active]->length > i) active++;
     return active;
@@ -609,7 +609,7 @@ LW_WIDE_INLINE uint32_t put_symbol(const struct lw_tile_rans *rans, uint32_t x, 
     return (whole << (SLOT_BITS + raw_bits)) + (symbol & 0xffff) + (x - whole * share);
 }
 
-/* How many of the coefficients there are up to the last one that is not 0. */
+/* Number of coefficients up to the last that is not 0. */
 LW_WIDE_INLINE uint32_t length_of(const struct lw_tile_rans *rans, const int16_t *coefficient,
                                   const uint8_t *scan, uint32_t n) {
     if (n < PLACES - 1) {

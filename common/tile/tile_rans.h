@@ -79,7 +79,7 @@ void lw_tile_rans_init(struct lw_tile_rans *rans);
 size_t lw_tile_rans_put(struct lw_tile_rans *rans, uint32_t planes, const int16_t *coefficient,
                         uint32_t width, uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst);
 
-/** Reads them. Bytes may come from anyone; false if they are not what an encoder writes.
+/** Reads them. Bytes may come from outside. Returns false if no encoder writes such bytes.
  * coefficient  all of it is written, as far as the tile has rows of blocks
  * length     of each block of each plane, LW_TILE_TEXELS_MAX / 64 a plane: how many coefficients beyond the
  *            first were in its list

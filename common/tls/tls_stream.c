@@ -1,6 +1,6 @@
 #include "common/tls/tls_stream.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <arpa/inet.h>
 #include <openssl/bio.h>
@@ -172,7 +172,7 @@ void lw_tls_stream_lend(struct lw_tls_stream *s, const uint8_t *bytes, size_t si
     s->lent_size = size;
 }
 
-/* What became of a certificate, ours or theirs; NULL: it was not about that. */
+/* Text of a failure of a certificate, ours or the peer's; NULL: another failure. */
 static const char *distrust(const SSL *ssl, unsigned long code) {
     const long verified = SSL_get_verify_result(ssl);
     if (verified != X509_V_OK) return X509_verify_cert_error_string(verified);

@@ -8,7 +8,7 @@
 #ifndef LW_COMMON_TLS_STREAM_H
 #define LW_COMMON_TLS_STREAM_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 
@@ -37,7 +37,7 @@ void lw_tls_output_finish(struct lw_tls_output *output);
 LW_MUST_CHECK enum lw_status lw_tls_stream_set_up(struct ssl_ctx_st *context);
 
 /** One end of a connection.
- * context      what it trusts and what it shows; set up as above. The stream keeps a reference
+ * context certificates that it trusts and its own; set up as above. The stream keeps a reference
  * server_name  whom a client calls, a name or an address. The server's certificate must be for it, unless the
  *              context trusts everybody; NULL: this end is the server
  * Errors: LW_NO_MEMORY. */
@@ -56,7 +56,7 @@ void lw_tls_stream_lend(struct lw_tls_stream *stream, const uint8_t *bytes, size
 /** Shakes hands, then reads what the peer says. A client begins with a call before anything came.
  * *out_size  0: nothing is left.
  * Errors: LW_CLOSED: the peer has ended its stream; LW_NOT_ALLOWED: one end does not trust its peer;
- *         LW_PROTOCOL: what came is no TLS 1.3; LW_NO_MEMORY. The output may still tell the peer why. */
+ *         LW_PROTOCOL: the bytes are no TLS 1.3; LW_NO_MEMORY. The output may still tell the peer why. */
 LW_MUST_CHECK enum lw_status lw_tls_stream_read(struct lw_tls_stream *stream, uint8_t *dst,
                                                 size_t dst_capacity, size_t *out_size,
                                                 struct lw_tls_output *output, struct lw_error *err);

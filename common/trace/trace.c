@@ -1,9 +1,9 @@
 #include "common/trace/trace.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
+#include "common/base/wide.h"
 #include "common/trace/trace_context.h"
 #include "common/trace/trace_isa.h"
-#include "common/wide.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -17,7 +17,7 @@ struct found {
     struct lw_trace_met met[FOUND_MAX];
 };
 
-/* What a filter needs to know of the geometry that a ray has met. */
+/* Data of a geometry for filters. */
 struct geometry {
     const struct lw_scene *scene;
     const struct lw_mesh *mesh;
@@ -203,7 +203,7 @@ static void init_context(struct lw_trace_context *context, const bool *left, uns
     if (every_hit || left) context->rtc.filter = filter;
 }
 
-/* What rays through `fixed` pass by. */
+/* Objects that rays through `fixed` leave out. */
 static const bool *left_of(const struct lw_trace *trace) { return trace->rebuild ? trace->left : NULL; }
 
 static bool mesh_has_alpha(const struct lw_scene *scene, const struct lw_mesh *mesh) {
@@ -678,7 +678,7 @@ static void take_hit(struct RTCRayHit16 *to, const struct RTCRayHit16 *from, int
     to->hit.geomID[i] = from->hit.geomID[i];
 }
 
-/* What rounding may put between two hits of one place, in t. */
+/* Rounding error between two hits of one place, in t. */
 static float uncertainty(struct lw_vec3 origin, struct lw_vec3 direction, float t) {
     return LW_TRACE_LIFT * (lw_vec3_max_abs(origin) / lw_vec3_length(direction) + t);
 }

@@ -48,9 +48,9 @@ static inline void lw_trace_set_ray(struct lw_ray16 *rays, uint32_t lane, struct
     rays->t_far[lane] = t_far;
 }
 
-/* How far from its surface a light ray starts, in units of the last place of the largest coordinate. From 3
- * on no ray hits the triangle it starts on, at any angle: measured for static and moving triangles of 1 mm to
- * 1 km, up to 1 km from the origin. With 2, one ray in 10^5 does; with 1, one in 300. */
+/* Distance from its surface at which a light ray starts, in units of the last place of the largest
+ * coordinate. From 3 on no ray hits the triangle it starts on, at any angle: measured for static and moving
+ * triangles of 1 mm to 1 km, up to 1 km from the origin. With 2, one ray in 10^5 does; with 1, one in 300. */
 #define LW_TRACE_LIFT (6.0f * 0x1p-23f)
 /** Share of the way to a point on a surface that has to be free: the surface itself would be in the way. */
 #define LW_TRACE_SHORT 0.9999f
@@ -73,7 +73,7 @@ struct lw_hit16 {
     uint8_t back[16];      /* 1: met from behind (by winding, mirroring accounted for) */
 };
 
-/** What one ray meets one after the other (lw_trace_through16()). */
+/** Surfaces that one ray meets, in their order (lw_trace_through16()). */
 #define LW_TRACE_THROUGH_MAX 12u
 struct lw_trace_through {
     uint32_t count;
@@ -140,7 +140,7 @@ uint16_t lw_trace_occluded16(const struct lw_trace *trace, unsigned flags, uint1
                              const struct lw_ray16 *rays);
 
 /** The same for light on its way: out_tint[c][i] is the factor of channel c for ray i, by the tints of the
- * BLEND surfaces that let it pass, 1 where there is none. What they stop is not in it. */
+ * BLEND surfaces that let it pass, 1 where there is none. It leaves out the light that they stop. */
 uint16_t lw_trace_tinted16(const struct lw_trace *trace, unsigned flags, uint16_t active,
                            const struct lw_ray16 *rays, float out_tint[3][16]);
 

@@ -3,7 +3,7 @@
 #ifndef LW_COMMON_TRACE_ISA_H
 #define LW_COMMON_TRACE_ISA_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <embree3/rtcore.h>
 

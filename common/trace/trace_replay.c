@@ -1,6 +1,6 @@
 #include "common/trace/trace_replay.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/trace/trace_context.h"
 
 #include <stdbool.h>

@@ -8,7 +8,7 @@
 #ifndef LW_COMMON_TRACE_REPLAY_H
 #define LW_COMMON_TRACE_REPLAY_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

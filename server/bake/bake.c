@@ -1,8 +1,8 @@
 #include "server/bake/bake.h"
 
-#include "common/clock.h"
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 #include "server/bake/forecast.h"
 #include "server/solve/solver.h"
 

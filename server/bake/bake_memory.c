@@ -1,6 +1,6 @@
 #include "server/bake/bake_memory.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/solve/coarse_scene.h"
 #include "server/solve/memory_forecast.h"
 

@@ -5,11 +5,11 @@
 #ifndef LW_BAKE_CONVENTION_H
 #define LW_BAKE_CONVENTION_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 
 enum lw_convention_kind {
     LW_CONVENTION_IRRADIANCE, /* E */
-    LW_CONVENTION_RADIOSITY,  /* albedo * E: what the surface reflects, without what it emits */
+    LW_CONVENTION_RADIOSITY,  /* albedo * E: reflected light, without emission */
     LW_CONVENTION_THREE,   /* E: three.js adds a texel to irradiance, and multiplies by albedo / pi itself */
     LW_CONVENTION_GODOT,   /* E / pi: Godot multiplies by albedo alone */
     LW_CONVENTION_BABYLON, /* albedo / pi * E: Babylon.js adds a texel to the final colour */

@@ -3,8 +3,8 @@
  * Threads: one.
  *
  * The work left of a bake is an estimate by errors that are estimates themselves: it may grow, and the last
- * tiles take longer than the first. So the rate is that at which it has fallen lately: over the last third
- * of the time, and a minute at most. */
+ * tiles take longer than the first. So the rate is measured over the last third of the time, and over a
+ * minute at most. */
 #ifndef LW_BAKE_FORECAST_H
 #define LW_BAKE_FORECAST_H
 

@@ -1,6 +1,6 @@
 #include "server/bake/glb.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 
 #include <stdlib.h>
 #include <string.h>

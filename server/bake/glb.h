@@ -7,7 +7,7 @@
 #ifndef LW_BAKE_GLB_H
 #define LW_BAKE_GLB_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <jansson.h>
 #include <stdint.h>

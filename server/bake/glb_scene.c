@@ -434,7 +434,7 @@ static struct lw_vec4 finish_constant(const struct lw_glb_scene *g, const struct
     return lw_scene_sample_finish(g->desc.scene, use, (struct lw_vec2){0, 0});
 }
 
-/* What a dielectric mirrors; glTF's own values are not said. */
+/* Reflectance of a dielectric. glTF's default values are left out. */
 static void set_specular(struct lw_glb_scene *g, json_t *extensions, const struct lw_finish *f,
                          const struct lw_mesh *mesh) {
     const struct lw_vec4 k = finish_constant(g, mesh, &f->specular_texture);
@@ -526,7 +526,7 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
 
 /* ---- objects ---- */
 
-/* What an engine's script needs to load the EXR in place of the picture. */
+/* Fields with which an engine's script loads the EXR in place of the picture. */
 static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *map, const char *file,
                            const char *side) {
     char *path = NULL;

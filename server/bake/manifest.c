@@ -1,6 +1,6 @@
 #include "server/bake/manifest.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 #include "common/light/client_lights.h"
 
 #include <stdlib.h>

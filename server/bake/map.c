@@ -1,7 +1,7 @@
 #include "server/bake/map.h"
 
+#include "common/base/random.h"
 #include "common/light/direction_form.h"
-#include "common/random.h"
 #include "server/publish/levels.h"
 
 #include <stdlib.h>
@@ -30,7 +30,7 @@ double lw_map_half_loss(const float *value, size_t count) {
 
 /* ---- from the solver's tiles ---- */
 
-/* What a map holds: the light of a form by a convention, or, without one, a channel as it is. */
+/* Contents of a map: the light of a form by a convention, or, without one, a plain channel. */
 struct content {
     uint32_t channel;
     const struct lw_convention *convention;

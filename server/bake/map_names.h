@@ -2,10 +2,9 @@
  *
  * The rule: of an object's name, letters and digits of ASCII, '.', '_' and '-' are kept. Each run of anything
  * else becomes one '_'. Dots and dashes at the beginning are dropped, and names are cut at 100 bytes. A
- * name that is then empty is "object", and one that Windows keeps for a device gets a '_' behind it. Where
- * two objects would get the same name (upper and lower case count as the same), the later one gets "-2", "-3"
- * and so on. Then comes ".exr". So a file never lies outside the folder, is never hidden, and no two objects
- * share one.
+ * name that is then empty is "object", and one that Windows keeps for a device gets a '_' behind it. If
+ * several objects have one name (in any case of letters), later ones get "-2", "-3" and so on. Then comes
+ * ".exr". So a file never lies outside the folder, is never hidden, and no two objects share one.
  * Threads: one lw_map_names belongs to one thread. */
 #ifndef LW_BAKE_MAP_NAMES_H
 #define LW_BAKE_MAP_NAMES_H

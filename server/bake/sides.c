@@ -1,7 +1,7 @@
 #include "server/bake/sides.h"
 
+#include "common/base/union_find.h"
 #include "common/trace/trace.h"
-#include "common/union_find.h"
 
 #include <stdlib.h>
 

@@ -20,7 +20,8 @@ enum lw_sides_choice { LW_SIDES_AUTO, LW_SIDES_FRONT, LW_SIDES_BACK };
 #define LW_SIDES_CAMERAS_MAX 64u        /* more are left out */
 #define LW_SIDES_HITS_MIN    8u         /* on a chart: fewer are chance, and its light decides */
 #define LW_SIDES_SHARE_MIN   0.1 /* share of the other side's hits, or light: from it on a side matters */
-#define LW_SIDES_COUNTED_MAX (1ull << 26) /* triangles of objects with backs; beyond: light alone decides */
+/* limit of triangles for that test, of objects with backs; beyond it light alone decides */
+#define LW_SIDES_COUNTED_MAX (1ull << 26)
 
 struct lw_sides {
     const struct lw_scene *scene;
@@ -39,7 +40,7 @@ void lw_sides_finish(struct lw_sides *sides);
 struct lw_sides_shown {
     uint8_t *back;   /* per vertex of its mesh, 1: its chart shows the back; NULL: all show the front */
     double back_m2;  /* area that does, in the mesh's own lengths */
-    double both_m2;  /* area of charts of which the other side matters too */
+    double both_m2;  /* area of charts whose other side is visible too */
     double total_m2; /* area of charts that have a back */
 };
 

@@ -4,7 +4,7 @@
 #ifndef LW_IMPORT_BESIDE_H
 #define LW_IMPORT_BESIDE_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 /** Looks for `wanted` in the folder of the scene and below, never elsewhere. Tries the path itself if it
  * stays inside, then its last parts, then its base name in the folder, in textures, texture, tex, maps,

@@ -1,6 +1,6 @@
 #include "server/import/cage.h"
 
-#include "common/sanitizer.h"
+#include "common/base/sanitizer.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -141,7 +141,7 @@ static void folder_of(const char *path, char out[PATH_MAX]) {
     snprintf(out, PATH_MAX, "%.*s", slash ? (int)(slash - path) + 1 : 1, slash ? path : ".");
 }
 
-/* Where it points to, as common/atomic_file.c has it. */
+/* Where it points to, as common/base/atomic_file.c has it. */
 static void folder_of_output(const char *output, char out[PATH_MAX]) {
     char target[PATH_MAX];
     folder_of(realpath(output, target) ? target : output, out);

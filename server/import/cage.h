@@ -1,5 +1,5 @@
-/* cage.h: takes from the process of the importer what reading a scene does not need, before it reads a byte
- * of one: a file that takes a decoder over gets little with it.
+/* cage.h: takes the rights from the importer's process that reading a scene does not need, before it reads a
+ * byte. So a file that takes over a decoder gains little.
  * Flow:    arguments -> [cage] -> scene, read and written inside
  * Threads: main() only, before it starts others: they inherit the cage.
  *
@@ -18,12 +18,12 @@ struct lw_cage_desc {
     const char *environment;    /* may be read; or NULL */
     const char *output;         /* may be written: files of its folder, or a device or pipe */
     int kept[LW_CAGE_KEPT_MAX]; /* descriptors beside the first three; 0: none */
-    bool owner;                 /* as root: become the user whose the output's folder is */
+    bool owner;                 /* as root: become the owner of the output's folder */
     uint64_t memory_bytes;      /* address space; 0: as it is */
     uint64_t file_bytes;        /* largest file to write */
 };
 
-/** What a kernel may lack. */
+/** Features that a kernel may lack. */
 enum lw_cage_part {
     LW_CAGE_FILES = 1, /* Landlock: no file but the desc's is opened, changed or removed by any user */
     LW_CAGE_CALLS = 2, /* seccomp: no socket, no program, no process, no signal to others, no ptrace */

@@ -1,6 +1,6 @@
 #include "server/import/far_out.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"
 
@@ -102,7 +102,7 @@ static bool is_inexact(struct search *search, struct place *place) {
 
 /* ---- lamps, cameras, objects ---- */
 
-/* What of one sort was found. */
+/* Findings of one kind. */
 struct finding {
     const char *first; /* its name */
     struct place place;

@@ -1,7 +1,7 @@
 /* far_out.h: warns of what lies so far from the origin that light there is inexact. Rays start off their
- * surface by what the rounding of floats asks for, LW_TRACE_LIFT times the coordinate: 7 cm at 100 km. That
- * is compared with what it must be small against: texels, and the distance from a lamp or a camera to the
- * nearest surface.
+ * surface by what the rounding of floats asks for, LW_TRACE_LIFT times the coordinate: 7 cm at 100 km. The
+ * rounding is compared with lengths that it must be small against: texels, and the distance from a lamp or a
+ * camera to the nearest surface.
  * Threads: [any]. */
 #ifndef LW_IMPORT_FAR_OUT_H
 #define LW_IMPORT_FAR_OUT_H

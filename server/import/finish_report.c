@@ -1,6 +1,6 @@
 #include "server/import/finish_report.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 /* Bytes of a texel in a package: normals have x and y, surfaces R, G, B, colours all four. */
 static unsigned texel_bytes(uint8_t content) {

@@ -1,4 +1,4 @@
-/* finish_report.h: what the finishes of a scene add to it.
+/* finish_report.h: the textures, bytes and tangents that finishes add to a scene.
  * Threads: [any]. */
 #ifndef LW_IMPORT_FINISH_REPORT_H
 #define LW_IMPORT_FINISH_REPORT_H

@@ -1,6 +1,6 @@
 #include "server/import/guard.h"
 
-#include "common/sanitizer.h"
+#include "common/base/sanitizer.h"
 
 #include <fcntl.h>
 #include <signal.h>

@@ -4,7 +4,7 @@
 #ifndef LW_IMPORT_GUARD_H
 #define LW_IMPORT_GUARD_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 
@@ -21,8 +21,8 @@ struct lw_guard_desc {
  * LW_BAD_DATA and a line that names --import-seconds. desc: reader and memory_bytes count for nothing. */
 void lw_guard_bound(const struct lw_guard_desc *desc);
 
-/** Opens what says how much memory is in use, for who cannot open files later. Without this enter() does.
- * Returns the descriptor; 0: there is none. */
+/** Opens the file with the amount of memory in use, for a process that cannot open files later. Without this
+ * enter() does. Returns the descriptor; 0: there is none. */
 int lw_guard_prepare(void);
 
 /** From here on: the exit code of LW_BAD_DATA and a line, where otherwise a signal would end the process.

@@ -1,13 +1,13 @@
 /* lightwell-import: turns a scene file into a scene package (.lwscene), with lightmap UVs.
  * Flow:    a file in one of LW_SCENE_FORMAT_MAP, or builtin:NAME -> scene -> lightmap UVs -> package */
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/options.h"
+#include "common/base/progress.h"
 #include "common/builtin/builtin.h"
-#include "common/clock.h"
 #include "common/lightmap/lightmap.h"
-#include "common/log.h"
 #include "common/open/import_spawn.h"
-#include "common/options.h"
-#include "common/progress.h"
 #include "common/scene/package.h"
 #include "server/import/cage.h"
 #include "server/import/far_out.h"
@@ -602,7 +602,7 @@ static enum lw_status run(const struct arguments *arguments, struct lw_error *er
     return status;
 }
 
-/* Hands the failure to the program that started us, which tells it once. */
+/* Hands the failure to the program that started us, which reports it once. */
 static int hand_over(const struct lw_error *err, int failure_fd) {
     size_t size = strlen(err->text), done = 0;
     while (done < size) {
@@ -614,8 +614,8 @@ static int hand_over(const struct lw_error *err, int failure_fd) {
     return lw_status_exit_code(err->status);
 }
 
-/* Ties our life to that of the program that started us. It may have ended before: then nobody reads what we
- * would hand over. */
+/* Ties our life to that of the program that started us. It may have ended before. Then there is no reader for
+ * the report. */
 static enum lw_status follow_starter(int failure_fd, struct lw_error *err) {
     signal(SIGPIPE, SIG_IGN);
     prctl(PR_SET_PDEATHSIG, SIGTERM);

@@ -1,6 +1,6 @@
 #include "server/import/scene_format.h"
 
-#include "common/file_read.h"
+#include "common/base/file_read.h"
 #include "server/import/text_lines.h"
 
 #include <stdio.h>

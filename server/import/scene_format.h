@@ -3,7 +3,7 @@
 #ifndef LW_IMPORT_SCENE_FORMAT_H
 #define LW_IMPORT_SCENE_FORMAT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 /* name, what people call it, file name endings (first: the one that Assimp gets) */
 #define LW_SCENE_FORMAT_MAP(X)                                                                               \

@@ -2,7 +2,7 @@
 #ifndef LW_IMPORT_TALLY_H
 #define LW_IMPORT_TALLY_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -4,7 +4,7 @@
 #ifndef LW_IMPORT_TEXT_LINES_H
 #define LW_IMPORT_TEXT_LINES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,6 +1,6 @@
 #include "server/nats/fine_index.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>

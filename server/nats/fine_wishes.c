@@ -1,6 +1,6 @@
 #include "server/nats/fine_wishes.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

@@ -7,7 +7,7 @@
 #ifndef LW_NATS_FINE_WISHES_H
 #define LW_NATS_FINE_WISHES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

@@ -1,8 +1,8 @@
 #include "server/nats/nats_publisher.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "common/nats/nats_link.h"
 #include "common/tile/tile_codec.h"
 #include "server/nats/fine_index.h"

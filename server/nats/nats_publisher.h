@@ -10,7 +10,7 @@
 #ifndef LW_NATS_NATS_PUBLISHER_H
 #define LW_NATS_NATS_PUBLISHER_H
 
-#include "common/tls_trust_desc.h"
+#include "common/base/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 #include "server/publish/snapshot.h"
 

@@ -1,7 +1,7 @@
 #include "server/publish/levels.h"
 
-#include "common/invariant.h"
-#include "common/wide.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,9 +1,9 @@
 #include "server/publish/light_store.h"
 
-#include "common/atomic_file.h"
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/atomic_file.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -37,7 +37,7 @@ LW_MUST_CHECK enum lw_status lw_light_store_init(struct lw_light_store *store, c
 /** A zeroed store is fine, and has no lock. */
 void lw_light_store_finish(struct lw_light_store *store);
 
-/** The last snapshot of the last run, a new reference; or NULL if none fits, which is logged. */
+/** Last snapshot of the last run, a new reference. NULL if none fits; the reason is logged. */
 struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
                                           float target_error);
 

@@ -1,7 +1,7 @@
 #include "server/publish/publisher.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "common/light/direction_form.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/frame_message.h"
@@ -59,7 +59,7 @@ struct channel {
     float dark;               /* W/m^2: looks black in this frame; 0: not light */
 };
 
-/* How an object's tiles are sent in this frame. */
+/* Form of an object's tiles in this frame. */
 enum news { AS_SOLVED, HELD_BACK, LIT_AGAIN /* the first light since it was a spare */ };
 
 struct lw_publisher {

@@ -69,9 +69,9 @@ LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc 
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
 
-/** Which channels are published from the next frame on: bit for each, LW_LIGHT_FORM_FULL alone at first. The
- * solver must show them (solver.h). The next snapshot has a new version of every tile of a newly published
- * channel. The state of a channel that is no longer published is freed. Errors: LW_NO_MEMORY; then
+/** Sets the channels that are published from the next frame on: bit for each, LW_LIGHT_FORM_FULL alone at
+ * first. The solver must show them (solver.h). The next snapshot has a new version of every tile of a newly
+ * published channel. The state of a channel that is no longer published is freed. Errors: LW_NO_MEMORY; then
  * nothing has changed. */
 LW_MUST_CHECK enum lw_status lw_publisher_set_channels(struct lw_publisher *publisher, uint32_t channels);
 
@@ -81,7 +81,7 @@ float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver 
                          uint32_t *out_bounces);
 
 /** Publishes a solved frame. rays_total: traced since the start. *out_snapshot: a new reference.
- * Errors: LW_NO_MEMORY; then the next frame's snapshot has what this one's would have had. */
+ * Errors: LW_NO_MEMORY; then the next frame's snapshot has the changes of both frames. */
 LW_MUST_CHECK enum lw_status lw_publisher_publish(struct lw_publisher *publisher, const struct lw_pose *pose,
                                                   uint64_t frame, uint64_t solve_ns, uint64_t rays_total,
                                                   uint64_t tiles_solved, struct lw_snapshot **out_snapshot,

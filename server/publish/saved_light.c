@@ -1,7 +1,7 @@
 #include "server/publish/saved_light.h"
 
-#include "common/checked_file.h"
-#include "common/invariant.h"
+#include "common/base/checked_file.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>

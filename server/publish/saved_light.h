@@ -4,8 +4,8 @@
  *
  * The file: a header with a version and the caller's key (which scene, which options), the snapshot's FRAME
  * and TILE messages as on the wire, those of each channel that it has and that is kept
- * (proto/wire_format.md), a checksum (common/checked_file.h). Integers have the machine's byte order: the
- * file is for this machine only. */
+ * (proto/wire_format.md), a checksum (common/base/checked_file.h). Integers have the machine's byte order, so
+ * the file is for this machine only. */
 #ifndef LW_PUBLISH_SAVED_LIGHT_H
 #define LW_PUBLISH_SAVED_LIGHT_H
 

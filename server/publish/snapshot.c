@@ -1,6 +1,6 @@
 #include "server/publish/snapshot.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

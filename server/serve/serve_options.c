@@ -1,9 +1,9 @@
 #include "server/serve/serve_options.h"
 
-#include "common/atomic_file.h"
-#include "common/control_path.h"
-#include "common/log.h"
-#include "common/program_path.h"
+#include "common/base/atomic_file.h"
+#include "common/base/control_path.h"
+#include "common/base/log.h"
+#include "common/base/program_path.h"
 #include "server/serve/admission/exposure.h"
 
 #include <stdio.h>

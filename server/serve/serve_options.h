@@ -1,10 +1,10 @@
-/* serve_options.h: the options by which a program says where and to whom it serves, for all that do.
+/* serve_options.h: the options of addresses and access, for all programs that serve.
  * Flow:    command line -> [serve_options] -> lw_server_desc; ports of a server -> files, lines of the log
  * Threads: main() only. */
 #ifndef LW_SERVE_SERVE_OPTIONS_H
 #define LW_SERVE_SERVE_OPTIONS_H
 
-#include "common/options.h"
+#include "common/base/options.h"
 #include "server/serve/server.h"
 
 #define LW_SERVE_OPTIONS_HTTP_PORT    7781
@@ -29,7 +29,7 @@ struct lw_serve_options {
 };
 
 /* clang-format off */
-/** What they are by default: an initialiser. */
+/** Initialiser with the default values. */
 #define LW_SERVE_OPTIONS_DEFAULTS                                                                            \
     {.listen = LW_OPTIONS_ADDRESS, .http = LW_SERVE_OPTIONS_HTTP, .control_socket = "auto", .return_s = 2.0}
 
@@ -110,10 +110,10 @@ struct lw_serve_options {
      LW_OPTION_REAL, &(options)->return_s, 0, 3600, NULL}
 /* clang-format on */
 
-/** What one option alone does not tell: addresses, and whether others reach them. Errors: LW_USAGE,
+/** Checks of several options: addresses, and whether other machines reach them. Errors: LW_USAGE,
  * LW_NO_INPUT. */
 LW_MUST_CHECK enum lw_status lw_serve_options_check(struct lw_serve_options *options, struct lw_error *err);
-/** Sets what they say in a server's descriptor; they outlive it. */
+/** Sets a server's descriptor by the options, which outlive it. */
 void lw_serve_options_fill(struct lw_serve_options *options, struct lw_server_desc *desc);
 /** Writes the port files, --port-file last: who sees it finds the others written. Errors: as
  * lw_atomic_file_save(); then none is left. */
@@ -124,7 +124,7 @@ LW_MUST_CHECK enum lw_status lw_serve_options_write_ports(const struct lw_serve_
 void lw_serve_options_remove_ports(const struct lw_serve_options *options);
 /** Logs where browsers and monitoring find the server. */
 void lw_serve_options_tell(const struct lw_serve_options *options, const struct lw_server *server);
-/** Where clients connect: an address as in a URL, or unix:PATH. */
+/** Address for clients, as in a URL, or unix:PATH. */
 void lw_serve_options_where(const struct lw_serve_options *options, const struct lw_server *server, char *dst,
                             size_t size);
 #define LW_SERVE_OPTIONS_WHERE_SIZE 280 /* bytes that this takes at most */

@@ -1,9 +1,9 @@
 #include "server/serve/server.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
-#include "common/slices.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
+#include "common/base/slices.h"
 #include "server/serve/server_handover.h"
 #include "server/serve/server_listeners.h"
 #include "server/serve/server_packages.h"
@@ -79,7 +79,7 @@ static void stop_when_empty(struct lw_server *server) {
     if (server->stopping && !server->shared.first) uv_stop(&server->loop);
 }
 
-/* What adds up since the start, for lw_server_get_stats(). */
+/* Sums since the start, for lw_server_get_stats(). */
 static void publish_sums(struct lw_server *server, uint64_t now_ns) {
     struct lw_session_shared *shared = &server->shared;
     LW_INVARIANT(now_ns >= server->ticked_ns);

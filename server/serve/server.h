@@ -170,12 +170,12 @@ bool lw_server_answer_passed(struct lw_server *server, uint64_t number,
 /** No answer will come, and the server above may have made the update: its session is ended, as by a broken
  * link. [any] */
 void lw_server_lose_passed(struct lw_server *server, uint64_t number);
-/** The light comes through other relays now. Sessions of relays are ended; they come back and hear of it.
- * [any] */
+/** The light comes through other relays now. Sessions of relays are ended. Relays connect again and get the
+ * new state. [any] */
 void lw_server_set_relays_above(struct lw_server *server, const uint64_t *above, uint32_t count);
-/** For relays: the light goes on as another run, and its FRAMEs say so. Sessions that do not read this are
- * ended; they come back and hear of it. To be called before lw_server_publish() of the first such FRAME.
- * [any] */
+/** For relays: the light goes on as another run, and its FRAMEs say so. Sessions that cannot read it are
+ * ended. Their clients connect again and get the new state. To be called before lw_server_publish() of the
+ * first such FRAME. [any] */
 void lw_server_set_run(struct lw_server *server, uint64_t run);
 
 /** Welcome and packages of the scene, for a publisher that serves it without sessions. */
@@ -208,7 +208,7 @@ bool lw_server_set_outside(struct lw_server *server, const struct lw_server_outs
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */
 void lw_server_stop(struct lw_server *server);
-/** Stops in favour of a successor that has the sockets: the goodbye tells clients to come back after
+/** Stops in favour of a successor that has the sockets: the goodbye asks clients to connect again after
  * LW_SERVER_RELAY_MS. A signal in between reaches the successor. [any] */
 void lw_server_relay(struct lw_server *server);
 /** Copies the statistics, consistent among themselves. [any] */

@@ -1,8 +1,8 @@
 #include "server/serve/server_listeners.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "server/serve/transports/control_socket.h"
 
 #include <errno.h>
@@ -33,8 +33,8 @@ static void on_spare_closed(uv_handle_t *handle) {
     for (int d = 0; d < LW_SERVER_ENDPOINTS; d++) drop_connection(server, &server->endpoint[d]);
 }
 
-/* libuv tells of no further connection before the last one was taken. Where there was no memory for it, it is
- * taken to be closed; another one beside it waits until the spare handle is closed. */
+/* libuv reports no further connection before the last one was accepted. Where there was no memory for it, it
+ * is taken to be closed; another one beside it waits until the spare handle is closed. */
 static void drop_connection(struct lw_server *server, struct lw_server_endpoint *endpoint) {
     if (!endpoint->is_held && !uv_is_closing((uv_handle_t *)&server->spare) &&
         uv_accept(endpoint->listener, (uv_stream_t *)&server->spare) == 0)
@@ -142,7 +142,7 @@ static enum lw_status take_over(uv_tcp_t *listener, int *socket, uint16_t *out_p
     return LW_OK;
 }
 
-/* socket: of the server before, on which it goes on; NULL: there is none */
+/* socket: the previous server's, to be used again; NULL: there is none */
 static enum lw_status start_listening(uv_tcp_t *listener, int *socket, const char *host, uint16_t port,
                                       const char *option, uint16_t *out_port, struct lw_error *err) {
     if (socket) return take_over(listener, socket, out_port, err);

@@ -1,6 +1,6 @@
 #include "server/serve/server_packages.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <zstd.h>

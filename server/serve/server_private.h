@@ -16,7 +16,7 @@
 
 #define LW_SERVER_ENDPOINTS 4
 
-/* Where connections come in. */
+/* Listening sockets. */
 struct lw_server_endpoint {
     uv_stream_t *listener;
     struct lw_web_server **web; /* NULL: they are sessions by themselves */
@@ -34,7 +34,7 @@ struct lw_server_outside_copy {
     size_t fine_count;
 };
 
-/* A thread that compresses the packages while others begin their work. What it makes is read once
+/* A thread that compresses the packages while others begin their work. Its results are read once
  * lw_server_packages_await() has ended. */
 struct lw_server_packer {
     uv_thread_t thread;
@@ -99,7 +99,7 @@ static inline void lw_server_close_handle(uv_handle_t *handle) {
     if (handle->type != UV_UNKNOWN_HANDLE && !uv_is_closing(handle)) uv_close(handle, NULL);
 }
 
-/** The program's page, with the relays below: server.c's. context: the server */
+/** Makes the program's page, with the relays below it. In server.c. context: the server */
 bool lw_server_make_page(void *context, const char *path, struct lw_server_page *out_page);
 
 #endif

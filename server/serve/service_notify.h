@@ -1,11 +1,11 @@
-/* service_notify.h: tells the service manager that started us how we are, by the protocol of sd_notify(3).
+/* service_notify.h: reports the program's state to its service manager, by the protocol of sd_notify(3).
  * Threads: [any].
  *
  * A datagram to the socket that $NOTIFY_SOCKET names is all there is to it: no library is needed for that. */
 #ifndef LW_SERVE_SERVICE_NOTIFY_H
 #define LW_SERVE_SERVICE_NOTIFY_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 /** Sends assignments, apart by newlines, such as "READY=1". Never waits: what the manager has no room for is
  * lost. Returns whether it was sent; false, too, where no manager asked. */
@@ -14,8 +14,7 @@ bool lw_service_notify(const char *format, ...) LW_PRINTF(1, 2);
 /** Whether a manager asked. */
 bool lw_service_notify_wanted(void);
 
-/** How often "WATCHDOG=1" should be sent, in milliseconds: three times in what $WATCHDOG_USEC
- * allows. 0: nobody waits for it. */
+/** Interval of "WATCHDOG=1", in milliseconds: a third of $WATCHDOG_USEC. 0: nobody waits for it. */
 unsigned lw_service_notify_watchdog_ms(void);
 
 #endif

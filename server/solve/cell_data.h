@@ -3,8 +3,8 @@
 #ifndef LW_SOLVE_CELL_DATA_H
 #define LW_SOLVE_CELL_DATA_H
 
+#include "common/base/progress.h"
 #include "common/light/client_lights.h"
-#include "common/progress.h"
 #include "server/solve/adapt/converged.h"
 #include "server/solve/adapt/interest_set.h"
 #include "server/solve/adapt/motion.h"

@@ -1,7 +1,7 @@
 #include "server/solve/cell_frame.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "server/solve/adapt/correct.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/adapt/verify.h"

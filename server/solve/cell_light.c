@@ -1,7 +1,7 @@
 #include "server/solve/cell_light.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "server/solve/adapt/verify.h"
 #include "server/solve/transport/bounces.h"
 #include "server/solve/transport/direct_light.h"

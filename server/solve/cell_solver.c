@@ -1,6 +1,6 @@
 #include "server/solve/cell_frame.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/state/checkpoint.h"
 

@@ -1,6 +1,6 @@
 #include "server/solve/coarse_first.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/solve/coarse_tiles.h"
 #include "server/solve/surface/saved_texels.h"
 

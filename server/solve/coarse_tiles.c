@@ -1,6 +1,6 @@
 #include "server/solve/coarse_tiles.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>

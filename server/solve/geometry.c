@@ -1,7 +1,7 @@
 #include "server/solve/geometry.h"
 
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "server/solve/surface/invalid_texels.h"
 
 #include <pthread.h>

@@ -1,6 +1,6 @@
 #include "server/solve/light_groups.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,10 +1,10 @@
 #include "server/solve/light_layers.h"
 
-#include "common/colour.h"
-#include "common/invariant.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
+#include "common/base/random.h"
 #include "common/light/client_lights.h"
-#include "common/log.h"
-#include "common/random.h"
 #include "server/solve/adapt/motion.h"
 #include "server/solve/cell_layer.h"
 

@@ -1,7 +1,7 @@
 #include "server/solve/patch_solver.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "common/light/client_lights.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/transport/direct_light.h"

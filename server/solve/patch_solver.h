@@ -8,7 +8,7 @@
 #ifndef LW_SOLVE_PATCH_SOLVER_H
 #define LW_SOLVE_PATCH_SOLVER_H
 
-#include "common/progress.h"
+#include "common/base/progress.h"
 #include "server/solve/radiosity/patches.h"
 #include "server/solve/shown.h"
 #include "server/solve/solver.h"

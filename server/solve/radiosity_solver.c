@@ -1,8 +1,8 @@
 #include "server/solve/radiosity_solver.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "common/light/client_lights.h"
-#include "common/log.h"
 #include "server/solve/combinations.h"
 #include "server/solve/patch_solver.h"
 #include "server/solve/radiosity/radiosity_directions.h"

@@ -1,6 +1,6 @@
 #include "server/solve/shown.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 /* Seams that hold an object which has begun to move may do so a little longer, if they are sought later. */
 static enum lw_status find_seams(struct lw_shown *s, struct lw_error *err) {

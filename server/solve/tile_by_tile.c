@@ -1,7 +1,7 @@
 #include "server/solve/tile_by_tile.h"
 
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "server/solve/coarse_tiles.h"
 #include "server/solve/memory_forecast.h"
 #include "server/solve/state/tile_file.h"

@@ -1,7 +1,7 @@
 #include "server/solve/vpl_solver.h"
 
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "server/solve/combinations.h"
 #include "server/solve/patch_solver.h"
 #include "server/solve/radiosity/radiosity_pass.h"

@@ -16,9 +16,9 @@ import sys
 
 import bpy
 import numpy
-from mathutils import Matrix, Vector
 
-numpy.bool = bool  # Blender 3.4's glTF importer wants a name that numpy 1.24 has dropped
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import blender_view
 
 FACTOR = {"irradiance": 1 / math.pi, "three": 1 / math.pi, "godot": 1.0}  # of base colour times texel
 
@@ -62,7 +62,7 @@ def show_lightmap(material, folder):
     shine.inputs["Strength"].default_value = FACTOR[info["convention"]]
     links.new(product.outputs["Color"], shine.inputs["Color"])
     surface = shine.outputs[0]
-    if material.use_backface_culling:  # viewers do not draw these backs; Cycles does unless it is told
+    if material.use_backface_culling:  # viewers do not draw these backs; Cycles draws them unless a node hides them
         geometry = nodes.new("ShaderNodeNewGeometry")
         clear = nodes.new("ShaderNodeBsdfTransparent")
         sides = nodes.new("ShaderNodeMixShader")
@@ -73,29 +73,8 @@ def show_lightmap(material, folder):
     links.new(surface, output.inputs["Surface"])
 
 
-def to_blender(v):
-    return Vector((v[0], -v[2], v[1]))
-
-
-def set_camera(text):
-    position, target, fov = text.split(":")
-    eye = to_blender([float(x) for x in position.split(",")])
-    aim = to_blender([float(x) for x in target.split(",")])
-    data = bpy.data.cameras.new("view")
-    data.sensor_fit = "VERTICAL"
-    data.angle = math.radians(float(fov))
-    data.clip_start, data.clip_end = 1e-4, 1e6
-    camera = bpy.data.objects.new("view", data)
-    bpy.context.collection.objects.link(camera)
-    backward = (eye - aim).normalized()
-    right = Vector((0, 0, 1)).cross(backward).normalized()
-    camera.matrix_world = (Matrix.Translation(eye)
-                           @ Matrix((right, backward.cross(right), backward)).transposed().to_4x4())
-    bpy.context.scene.camera = camera
-
-
 def means(path):
-    """Of the channels of a picture in linear light."""
+    """Means of the channels of a picture, in linear light."""
     image = bpy.data.images.load(path)
     image.colorspace_settings.name = "Non-Color"
     pixels = numpy.empty(len(image.pixels), dtype=numpy.float32)
@@ -103,30 +82,9 @@ def means(path):
     return pixels.reshape(-1, image.channels)[:, :3].astype(float).mean(axis=0)
 
 
-def render(args, path, file_format):
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.cycles.device, scene.cycles.samples = "CPU", args.spp
-    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
-    scene.cycles.max_bounces = 0
-    scene.cycles.transparent_max_bounces = 64
-    scene.cycles.pixel_filter_type = "BOX"
-    scene.render.resolution_x, scene.render.resolution_y = (int(x) for x in args.size.split("x"))
-    scene.render.resolution_percentage = 100
-    scene.render.image_settings.file_format = file_format
-    if file_format == "OPEN_EXR":
-        scene.render.image_settings.color_depth = "32"
-    scene.render.image_settings.color_mode = "RGB"
-    scene.view_settings.view_transform = "Standard"
-    scene.render.filepath = path
-    bpy.ops.render.render(write_still=True)
-
-
 def main():
     args = arguments()
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
-    bpy.ops.import_scene.gltf(filepath=args.scene)
+    blender_view.open_scene(args.scene)
     lit = [m for m in bpy.data.materials if m.use_nodes and "lightwell" in m]
     if not lit:
         sys.exit("baked_blender.py: no material of the file has a lightmap")
@@ -135,13 +93,16 @@ def main():
     for thing in bpy.data.objects:
         if thing.type == "LIGHT":
             thing.hide_render = True
-    bpy.context.scene.world = None
-    set_camera(args.camera)
-    render(args, args.out, "PNG")
+    scene = bpy.context.scene
+    scene.world = None
+    scene.cycles.max_bounces = 0
+    scene.view_settings.view_transform = "Standard"
+    blender_view.set_camera(args.camera)
+    blender_view.render(args.out, "PNG", args.size, args.spp)
     if args.reference is None:
         return
     linear = os.path.splitext(os.path.abspath(args.out))[0] + ".exr"
-    render(args, linear, "OPEN_EXR")
+    blender_view.render(linear, "OPEN_EXR", args.size, args.spp)
     ratio = means(linear) / means(os.path.abspath(args.reference))
     print("means of", ", ".join("%.4f" % r for r in ratio), "of the reference's")
     if not all(abs(r - 1) <= args.limit for r in ratio):

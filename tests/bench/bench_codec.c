@@ -16,7 +16,7 @@
  * "step for 45 dB": of the tiles of N frames, the widest of the codec's steps, one for all tiles, with that
  * log-PSNR. "what changed": for a client that has the tile as it was a frame before, coded in the same way;
  * encoding makes both forms. */
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/tile/tile_codec.h"
 #include "common/tile/tile_dct.h"
 #include "server/publish/levels.h"

@@ -7,10 +7,10 @@
  * 4 blocks are within 5 % and 10 % of the reference and the farthest, and the ratio in each. For pictures of
  * other renderers (cycles.py) and of other options. SHOWN.png is the picture at that exposure, by Reinhard's
  * curve, as lightwell-view writes it. */
+#include "client/measure/figures/flip.h"
 #include "client/view/tonemap.h"
-#include "common/image/flip.h"
+#include "common/base/log.h"
 #include "common/image/image.h"
-#include "common/log.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -18,9 +18,9 @@
  * ones with client lights are what "lightwell-view --path-trace --show direct" shows. */
 #include "client/paths/path_trace.h"
 #include "client/view/compose/compose.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 #include "common/image/image.h"
-#include "common/random.h"
 #include "common/scene/scene_motion.h"
 #include "tests/bench/bench_setup.h"
 #include "tests/bench/bench_view.h"

@@ -7,9 +7,9 @@
  * error is measured: relMSE is the variance over the square of the mean, by luminance. Prints mean and
  * median of relMSE over packets, CPU us and rays of a packet and frame, and the sum of E, which is the same
  * for two versions of the program within its noise. */
-#include "common/clock.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 #include "common/light/direct16.h"
-#include "common/random.h"
 #include "common/trace/trace.h"
 #include "tests/bench/bench_setup.h"
 

@@ -14,9 +14,9 @@
  * machine only adds to that: on a busy one trust the quietest rounds. */
 #include "tests/support/support.h"
 
-#include "common/clock.h"
-#include "common/histogram.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/histogram.h"
+#include "common/base/log.h"
 #include "common/tls/tls_stream.h"
 #include "server/serve/server.h"
 #include "tests/bench/bench_setup.h"

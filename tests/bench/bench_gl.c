@@ -20,7 +20,7 @@
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
 #include "client/paths/camera_default.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "tests/bench/bench_setup.h"
 
 #include <epoxy/gl.h>

@@ -7,8 +7,8 @@
  * Whatever the server says is read and dropped. One line at the end: bytes written, how often they were
  * closed, and the processor time that this took. */
 #include "client/lib/tls_trust.h"
-#include "common/clock.h"
-#include "common/options.h"
+#include "common/base/clock.h"
+#include "common/base/options.h"
 #include "common/tls/tls_stream.h"
 #include "proto/message.h"
 

@@ -39,9 +39,9 @@
 #include "tests/support/process.h"
 
 #include "client/control/ctl_command.h"
-#include "common/clock.h"
-#include "common/log.h"
-#include "common/options.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/options.h"
 
 #include <signal.h>
 #include <stdio.h>

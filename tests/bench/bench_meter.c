@@ -1,6 +1,6 @@
 #include "tests/bench/bench_meter.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/levels.h"
 #include "server/solve/adapt/estimates.h"

@@ -26,7 +26,7 @@ enum bench_kernel {
 
 extern const char *const bench_kernel_name[BENCH_KERNELS];
 
-/** What a frame took, in seconds. CPU time is the calling thread's: with one worker, all of it. */
+/** Time of a frame, in seconds. CPU time is the calling thread's: with one worker, all of it. */
 struct bench_meter_cost {
     struct {
         double wall, cpu;

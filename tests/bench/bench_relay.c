@@ -3,8 +3,8 @@
  * port is the daemon's. Prints, for each other port, how much later than at the first a FRAME and a version
  * of a tile came, in milliseconds. One clock; what the clients themselves take is in all of it. */
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 
 #include <poll.h>
 #include <stdio.h>

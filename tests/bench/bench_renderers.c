@@ -12,7 +12,7 @@
  * the reference. */
 #include "client/paths/path_renderer.h"
 #include "client/view/tonemap.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/image/image.h"
 #include "common/scene/scene_motion.h"
 #include "tests/bench/bench_setup.h"

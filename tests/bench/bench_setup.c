@@ -1,6 +1,6 @@
 #include "tests/bench/bench_setup.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "common/scene/scene_motion.h"
 
 #include <assert.h>

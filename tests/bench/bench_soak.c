@@ -5,8 +5,8 @@
  * it. One line of JSON on stdout for each: how many tiles were compared, the largest difference over what the
  * tile's error allows (1: at its bound), how many are over it. Changes must be paused meanwhile. */
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/options.h"
+#include "common/base/clock.h"
+#include "common/base/options.h"
 
 #include <poll.h>
 #include <stdio.h>

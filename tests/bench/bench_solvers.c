@@ -28,8 +28,8 @@
  * --passes prints what one pass of radiosity costs: the CPU time of a frame of one bounce without that of a
  * frame of none, rays of it, and the errors of the light after one bounce. */
 #include "client/paths/path_trace.h"
-#include "common/clock.h"
-#include "common/colour.h"
+#include "common/base/clock.h"
+#include "common/base/colour.h"
 #include "server/solve/geometry.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_light.h"

@@ -13,7 +13,7 @@
 #include "client/paths/camera_default.h"
 #include "client/view/compose/stage.h"
 #include "client/view/window/seeker.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "tests/bench/bench_setup.h"
 
 #include <epoxy/gl.h>

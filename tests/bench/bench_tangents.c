@@ -6,8 +6,8 @@
  * with a normal map: u32 corners; then 12 floats of each corner, three a triangle: position, normal, texture
  * coordinates of the normal map (v up), tangent and w. client/web/test/tangents.mjs holds them against
  * three.js' MikkTSpace. Tangents of the file do not count. */
+#include "common/base/status.h"
 #include "common/shading/tangent.h"
-#include "common/status.h"
 #include "server/import/mesh/mesh_tangents.h"
 #include "tests/bench/bench_setup.h"
 

@@ -14,7 +14,7 @@
  * -o DIR also the pictures: the solve on the left, the path tracer on the right. */
 #include "client/paths/path_trace.h"
 #include "client/view/tonemap.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/image/image.h"
 #include "server/solve/solvers.h"
 #include "tests/bench/bench_setup.h"

@@ -21,15 +21,16 @@ Lights take the units of docs/architecture.md: 1 cd = 1 W/sr, 1 lux = 1 W/m^2, e
 import argparse
 import json
 import math
+import os
 import re
 import struct
 import sys
 
 import bpy
 import numpy
-from mathutils import Matrix, Vector
 
-numpy.bool = bool  # Blender 3.4's glTF importer wants a name that numpy 1.24 has dropped
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import blender_view
 
 
 def arguments():
@@ -55,10 +56,6 @@ def read_json(path):
         return json.loads(data)
     length = struct.unpack_from("<I", data, 12)[0]
     return json.loads(data[20:20 + length])
-
-
-def to_blender(v):
-    return Vector((v[0], -v[2], v[1]))
 
 
 def source_of(nodes, socket, links):
@@ -366,35 +363,9 @@ def set_lights(gltf, sun_angle_deg):
             thing.data.shadow_soft_size = 0
 
 
-def set_camera(text, width, height):
-    scene = bpy.context.scene
-    if text is None:
-        camera = next((o for o in bpy.data.objects if o.type == "CAMERA"), None)
-        if camera is None:
-            sys.exit("cycles.py: the scene has no camera: give --camera")
-        scene.camera = camera
-        return
-    position, target, fov = text.split(":")
-    eye = to_blender([float(x) for x in position.split(",")])
-    aim = to_blender([float(x) for x in target.split(",")])
-    data = bpy.data.cameras.new("view")
-    data.sensor_fit = "VERTICAL"
-    data.angle = math.radians(float(fov))
-    data.clip_start, data.clip_end = 1e-4, 1e6
-    camera = bpy.data.objects.new("view", data)
-    bpy.context.collection.objects.link(camera)
-    backward = (eye - aim).normalized()
-    right = Vector((0, 0, 1)).cross(backward).normalized()
-    up = backward.cross(right)
-    camera.matrix_world = Matrix.Translation(eye) @ Matrix((right, up, backward)).transposed().to_4x4()
-    scene.camera = camera
-
-
 def main():
     args = arguments()
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
-    bpy.ops.import_scene.gltf(filepath=args.scene)
+    blender_view.open_scene(args.scene)
     full = args.materials == "full"
     gltf = read_json(args.scene)
     glossy = says_gloss(gltf)
@@ -406,8 +377,7 @@ def main():
             gloss = args.gloss if full and names & glossy else None
             make_surface(material, gloss, tables)
     set_lights(gltf, args.sun_angle)
-    width, height = (int(x) for x in args.size.split("x"))
-    set_camera(args.camera, width, height)
+    blender_view.set_camera(args.camera)
 
     scene = bpy.context.scene
     world = bpy.data.worlds.new("sky")
@@ -415,24 +385,14 @@ def main():
     world.use_nodes = True
     background = world.node_tree.nodes["Background"]
     background.inputs["Color"].default_value = [float(x) for x in args.sky.split(",")] + [1]
-    scene.render.engine = "CYCLES"
     cycles = scene.cycles
-    cycles.device, cycles.samples, cycles.seed = "CPU", args.spp, args.seed
-    cycles.use_adaptive_sampling = cycles.use_denoising = False
+    cycles.seed = args.seed
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = args.bounces
-    cycles.transparent_max_bounces = 64
     cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
     cycles.light_sampling_threshold = 0
     cycles.caustics_reflective, cycles.caustics_refractive, cycles.blur_glossy = full, False, 0
-    cycles.pixel_filter_type = "BOX"
-    scene.render.resolution_x, scene.render.resolution_y = width, height
-    scene.render.resolution_percentage = 100
-    scene.render.image_settings.file_format = "OPEN_EXR"
-    scene.render.image_settings.color_depth = "32"
-    scene.render.image_settings.color_mode = "RGB"
     scene.render.image_settings.exr_codec = "ZIP"
-    scene.render.filepath = args.out
-    bpy.ops.render.render(write_still=True)
+    blender_view.render(args.out, "OPEN_EXR", args.size, args.spp)
 
 
 main()

@@ -1,9 +1,9 @@
 #include "tests/bench/latency_light.h"
 
 #include "client/view/compose/stage.h"
-#include "common/checked_file.h"
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/checked_file.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 
 #include <errno.h>
 #include <float.h>

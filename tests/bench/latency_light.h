@@ -1,8 +1,8 @@
-/* latency_light.h: what bench_latency judges light by: fresh light of the states before and after a change,
- * and how far other light has come.
+/* latency_light.h: the references of bench_latency: converged light before and after a change, and the
+ * progress of other light between them.
  * Flow:    scene, camera -> introduce, look from -> [states -> fresh servers or kept files -> pair] -> judge
  *          -> p, error of a client's light
- * Threads: main() only. What fails ends the program, and says why.
+ * Threads: main() only. A failure ends the program with its reason.
  *
  * Light is read at level LW_ATLAS_READ_MAX, or at the coarsest level of objects that have fewer:
  * LATENCY_CHANNELS values per texel, object by object. It is judged in squares of 4 x 4 texels: d is the sum
@@ -89,7 +89,7 @@ void latency_light_watch(const struct latency_light *l, const char *options, str
 void latency_light_poll(struct lw_client *client, unsigned ms, struct lw_client_stats *out_stats);
 void latency_light_read(const struct latency_light *l, const struct lw_client *client, float *out);
 
-/** Has both states' light, from the folder for it or else by servers that know nothing else. */
+/** Gets the light of both states from the folder, or else from two servers that solve it. */
 void latency_light_solve(struct latency_light *l, const struct latency_state *before,
                          const struct latency_state *after, struct latency_pair *out_pair);
 void latency_pair_finish(struct latency_pair *pair);

@@ -2,7 +2,7 @@
 
 #include "tests/bench/bench_setup.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <signal.h>
 #include <stdio.h>

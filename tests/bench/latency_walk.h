@@ -1,7 +1,7 @@
 /* latency_walk.h: how far the light trails behind while the scene's own animation runs, in real time.
  * Flow:    times, fresh light a second before and at each -> [walk: a server and a client] -> p and error at
  *          each time and pass
- * Threads: main() only. What fails ends the program, and says why. */
+ * Threads: main() only. A failure ends the program with its reason. */
 #ifndef LW_TESTS_BENCH_LATENCY_WALK_H
 #define LW_TESTS_BENCH_LATENCY_WALK_H
 

@@ -1,7 +1,7 @@
 /* The mending of STL, on any bytes: it makes as many bytes at most, and none past their end. */
 #include "server/import/foreign/foreign_text.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 /* The glTF reader on any bytes: a scene that validates, or an error with a text; never a crash. No file is
  * opened. */
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/gltf/gltf.h"
 
 #include <jansson.h>

@@ -1,6 +1,6 @@
 /* A configuration file of any bytes: it is taken, or there is a line that names the file. */
-#include "common/log.h"
-#include "common/options_config.h"
+#include "common/base/log.h"
+#include "common/base/options_config.h"
 
 #include <stdio.h>
 #include <stdlib.h>

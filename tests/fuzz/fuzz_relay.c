@@ -6,7 +6,7 @@
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"
-#include "common/log.h"
+#include "common/base/log.h"
 #include "common/scene/scene_spares.h"
 #include "relay/relay_upstream.h"
 

@@ -2,8 +2,8 @@
  * silent, go, while the clock moves on. Each byte of the input chooses what happens next. What a session
  * sends must be messages; what it holds must be gone when it is. There is no light here: frames and tiles are
  * fuzz_replica's. */
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "server/serve/admission/server_limits.h"
 #include "server/serve/sessions/session_handlers.h"
 #include "server/serve/sessions/session_private.h"

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
+#include "common/base/waiting.h"
 #include "common/tile/tile_codec.h"
-#include "common/waiting.h"
 #include "proto/message.h"
 
 #include <ctype.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/tile/tile_codec.h"
 
 #include <math.h>

@@ -4,7 +4,7 @@
 #define LW_TESTS_LIVE_CASE_H
 
 #include "client/include/lightwell/lightwell.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "tests/support/process.h"
 #include "tests/support/support.h"
 

@@ -1,7 +1,7 @@
 /* Access, with the real programs: tokens, the Unix socket. */
 #include "tests/support/process.h"
 
-#include "common/token.h"
+#include "common/base/token.h"
 
 #include <signal.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
  * stopping and going on; what it refuses. */
 #include "tests/support/process.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/image/image.h"
 #include "common/lightmap/lightmap.h"
 #include "common/scene/package.h"

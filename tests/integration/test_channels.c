@@ -5,7 +5,7 @@
 
 #include "client/lib/client.h"
 #include "client/lib/replica.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/tile/tile_codec.h"
 #include "server/publish/publisher.h"
 #include "server/publish/saved_light.h"

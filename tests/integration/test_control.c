@@ -3,8 +3,8 @@
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
+#include "common/base/clock.h"
 #include "common/builtin/builtin.h"
-#include "common/clock.h"
 #include "common/image/image.h"
 #include "common/lightmap/lightmap.h"
 #include "common/scene/package.h"

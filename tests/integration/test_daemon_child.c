@@ -2,7 +2,7 @@
 #include "tests/support/process.h"
 
 #include "client/measure/sides/daemon_child.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <errno.h>
 #include <signal.h>

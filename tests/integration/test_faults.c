@@ -6,8 +6,8 @@
 #include "tests/support/web_peer.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/sanitizer.h"
+#include "common/base/clock.h"
+#include "common/base/sanitizer.h"
 #include "proto/message.h"
 
 #include <arpa/inet.h>

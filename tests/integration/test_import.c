@@ -2,11 +2,11 @@
  * spawns it. */
 #include "tests/support/process.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/sanitizer.h"
 #include "common/lightmap/lightmap.h"
-#include "common/log.h"
 #include "common/open/import_spawn.h"
-#include "common/sanitizer.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/gltf/gltf.h"

@@ -3,9 +3,9 @@
 #include "tests/support/process.h"
 #include "tests/support/support.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
+#include "common/base/sanitizer.h"
 #include "common/open/import_spawn.h"
-#include "common/sanitizer.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "server/import/foreign/foreign.h"

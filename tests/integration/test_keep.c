@@ -2,9 +2,9 @@
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/log.h"
-#include "common/sanitizer.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
+#include "common/base/sanitizer.h"
 
 #include <math.h>
 #include <signal.h>

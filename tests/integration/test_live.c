@@ -2,7 +2,7 @@
 #include "tests/integration/live_case.h"
 
 #include "client/lib/live_state.h"
-#include "common/sanitizer.h"
+#include "common/base/sanitizer.h"
 
 #include <arpa/inet.h>
 #include <math.h>

@@ -1,7 +1,7 @@
 /* The real lightwell-load against the real lightwelld. */
 #include "tests/support/process.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <jansson.h>
 #include <math.h>

@@ -2,7 +2,7 @@
  * much it had, and what to set. */
 #include "tests/support/process.h"
 
-#include "common/sanitizer.h"
+#include "common/base/sanitizer.h"
 
 #include <signal.h>
 #include <stdio.h>

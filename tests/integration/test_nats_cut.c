@@ -4,7 +4,7 @@
 #include "tests/support/relays.h"
 #include "tests/support/tcp_proxy.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <stdio.h>
 

@@ -2,7 +2,7 @@
  * when it sends SETTLED. */
 #include "tests/support/nats_case.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/nats/nats_link.h"
 #include "common/tile/tile_codec.h"
 #include "proto/message_reader.h"

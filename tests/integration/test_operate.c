@@ -2,7 +2,7 @@
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "proto/message.h"
 
 #include <jansson.h>

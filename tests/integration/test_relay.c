@@ -3,7 +3,7 @@
 #include "tests/support/certificate.h"
 #include "tests/support/relays.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "proto/message.h"
 
 #include <limits.h>

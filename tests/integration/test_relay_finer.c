@@ -3,7 +3,7 @@
 #include "tests/support/nats_case.h"
 #include "tests/support/relays.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "server/serve/admission/server_limits.h"
 #include "tests/support/support.h"
 

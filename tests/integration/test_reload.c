@@ -2,7 +2,7 @@
 #include "tests/support/process.h"
 
 #include "client/include/lightwell/lightwell.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <signal.h>
 #include <stdio.h>

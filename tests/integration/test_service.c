@@ -1,7 +1,7 @@
 /* The real lightwelld under a service manager: what it tells the socket of $NOTIFY_SOCKET. */
 #include "tests/support/process.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <fcntl.h>
 #include <poll.h>

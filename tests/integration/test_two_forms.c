@@ -2,8 +2,8 @@
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/log.h"
 #include "common/tile/tile_channels.h"
 
 #include <math.h>

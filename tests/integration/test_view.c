@@ -1,7 +1,7 @@
 /* lightwell-view --headless against a real lightwelld, and --path-trace, both under signals. */
 #include "tests/support/process.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/image/image.h"
 
 #include <arpa/inet.h>

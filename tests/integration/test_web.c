@@ -3,7 +3,7 @@
 #include "tests/support/process.h"
 #include "tests/support/web_peer.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "proto/message.h"
 #include "proto/message_reader.h"
 

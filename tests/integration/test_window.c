@@ -3,7 +3,7 @@
 #include "tests/support/process.h"
 
 #include "client/view/window/window.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <SDL.h>
 #include <dirent.h>

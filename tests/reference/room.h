@@ -98,7 +98,7 @@ struct room_mean room_object_mean(const struct room_solution *solution, uint32_t
 
 /** The shown light of a texel of level 0. */
 struct lw_vec3 room_texel(const struct room_solution *solution, uint32_t object, uint32_t x, uint32_t y);
-/** What an engine reads of a quad's front, along its edges, each 0 to 1: bilinear. */
+/** Light that an engine reads at a quad's front, bilinear, along its edges, each 0 to 1. */
 struct lw_vec3 room_look_up(const struct room_solution *solution, uint32_t quad, double along_u,
                             double along_v);
 

@@ -1,6 +1,6 @@
 /* Light that changes is right again soon, and unchanged light costs nothing. */
+#include "common/base/random.h"
 #include "common/builtin/builtin.h"
-#include "common/random.h"
 #include "server/solve/adapt/gradient.h"
 #include "server/solve/cell_frame.h"
 #include "server/solve/state/tiles.h"

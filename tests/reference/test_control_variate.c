@@ -1,6 +1,6 @@
 /* Light that has changed is corrected by how much it has: as much as was found, no more, and no texel below
  * none. */
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"

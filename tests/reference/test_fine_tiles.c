@@ -1,7 +1,7 @@
 /* Tiles of finer levels: their texels and their light are those of a scene whose lightmaps are as fine. */
 #include "tests/reference/room.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "server/solve/surface/fine_texels.h"
 

@@ -1,7 +1,7 @@
 /* What a file's extensions mean for light: each is a .glb made here, and a number from a closed form. A floor
  * of 2 m x 2 m faces up, a pane lies 1 m above it, a sun of 100 W/m^2 stands straight above both. */
 #include "client/measure/sides/path_world.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/image/image.h"
 #include "server/import/gltf/gltf.h"
 #include "tests/reference/room.h"

@@ -5,9 +5,9 @@
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
 #include "client/gl/gl_rgb9e5.h"
+#include "client/measure/figures/flip.h"
 #include "client/view/compose/antialias.h"
 #include "client/view/tonemap.h"
-#include "common/image/flip.h"
 #include "common/open/scene_open.h"
 #include "common/shading/tangent.h"
 

@@ -1,9 +1,9 @@
 /* Guided paths against paths that are not: the same light in the mean, and less noise where light comes by
  * few ways. Tolerances come from the spread over seeds. */
 #include "client/measure/sides/path_world.h"
+#include "common/base/random.h"
+#include "common/base/sanitizer.h"
 #include "common/builtin/builtin.h"
-#include "common/random.h"
-#include "common/sanitizer.h"
 #include "tests/reference/room.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
 /* The cosine moment of light, beside irradiance: closed forms, bounds, both forms of light, change. */
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/light/client_lights.h"
 #include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"

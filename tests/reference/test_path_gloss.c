@@ -1,8 +1,8 @@
 /* The path tracer on surfaces with a finish, against closed forms. Tolerances come from the spread over
  * seeds. */
 #include "client/measure/sides/path_world.h"
+#include "common/base/random.h"
 #include "common/builtin/builtin.h"
-#include "common/random.h"
 #include "common/shading/tangent.h"
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"

@@ -1,8 +1,8 @@
 /* The path tracer against closed forms. Tolerances come from the spread over seeds: pixels of a picture share
  * random numbers, pictures of different seeds do not. */
 #include "client/measure/sides/path_world.h"
+#include "common/base/colour.h"
 #include "common/builtin/builtin.h"
-#include "common/colour.h"
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 

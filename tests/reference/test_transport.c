@@ -3,7 +3,7 @@
 #include "tests/reference/effort.h"
 #include "tests/reference/room.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/trace/trace.h"
 
 #include <math.h>

@@ -2,8 +2,8 @@
  *     compare_pictures WIDTH HEIGHT REFERENCE TEST
  * Both files hold WIDTH * HEIGHT pixels of 3 bytes, sRGB, row 0 on top. Prints the mean difference of a
  * channel in 255ths, and the mean of FLIP. */
-#include "common/colour.h"
-#include "common/image/flip.h"
+#include "client/measure/figures/flip.h"
+#include "common/base/colour.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -16,7 +16,7 @@ void lw_foreign_case_make_folder(const char *name);
 LW_MUST_CHECK enum lw_status lw_foreign_case_load(const char *name, enum lw_foreign_sides sides,
                                                   struct lw_scene **out, struct lw_error *err);
 
-/** What the last load said on stderr. */
+/** The last load's text on stderr. */
 const char *lw_foreign_case_talk(void);
 
 #endif

@@ -1,6 +1,6 @@
 #include "tests/support/gltf_case.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/gltf/gltf.h"
 #include "tests/support/glb.h"
 

@@ -24,7 +24,7 @@ bool lw_nats_case_is_possible(void);
 void lw_nats_case_start(struct lw_nats_case *nats, const struct lw_nats_case_desc *desc);
 /** SIGKILL. */
 void lw_nats_case_kill(struct lw_nats_case *nats);
-/** Removes its files and forgets its port; it has ended before. */
+/** Removes the files of a server that has ended. */
 void lw_nats_case_finish(struct lw_nats_case *nats);
 /** "nats://127.0.0.1:PORT/SCENE"; until the next call. */
 const char *lw_nats_case_address(const struct lw_nats_case *nats, const char *scene);

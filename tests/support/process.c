@@ -1,6 +1,6 @@
 #include "tests/support/process.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <dirent.h>
 #include <errno.h>

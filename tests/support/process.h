@@ -96,7 +96,7 @@ void lw_process_refuses(const char *program, const char *arguments, int expected
 /** The MB that light takes at least, as a lightwelld with --memory 1 says that refuses to start. */
 unsigned lw_process_needed_mb(const char *arguments);
 
-/** What it has said so far on stdout, on stderr; the caller frees. */
+/** Its text so far on stdout, on stderr; the caller frees. */
 char *lw_process_out(const struct lw_process *process);
 char *lw_process_err(const struct lw_process *process);
 

@@ -1,6 +1,6 @@
 #include "tests/support/relays.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "proto/message.h"
 
 #include <stdio.h>

@@ -27,8 +27,8 @@ LW_MUST_CHECK enum lw_status seam_walk_init(struct seam_walk *walk, const struct
                                             enum seam_walk_light light);
 void seam_walk_finish(struct seam_walk *walk);
 
-/** What the viewer reads of an object at a place of its atlas (texels of level 0), red channel; false over a
- * hole. */
+/** Light that the viewer reads of an object at a place of its atlas (texels of level 0), red channel. Returns
+ * false over a hole. */
 bool seam_walk_read(const struct seam_walk *walk, uint32_t object, unsigned level, double u, double v,
                     double *out);
 
@@ -42,8 +42,8 @@ struct seam_spread {
 };
 
 /** Eight points per texel of the level; on coarser levels without the seams of charts that are read at level
- * 0 alone. object: whose seams, or LW_SCENE_NONE: all. Where a side has nothing but holes to read (inside
- * something), there is no seam.
+ * 0 alone. object: whose seams, or LW_SCENE_NONE: all. A side with holes alone (inside an object) has no
+ * seam.
  * Errors: LW_NO_MEMORY; LW_INTERNAL: light that is negative or not finite. */
 LW_MUST_CHECK enum lw_status seam_walk_measure(const struct seam_walk *walk,
                                                const struct lw_seam_edges *edges, unsigned level,

@@ -21,7 +21,7 @@ void server_clock_move(uint64_t ms);
  * false if no timer runs, as while a server has no connection. [test] */
 bool server_clock_step(uint64_t ms);
 
-/** How often the server's timers have run, and how often anybody has read the clock. [any] */
+/** Counts of the server's timers that have run, and of readings of the clock. [any] */
 void server_clock_count(uint64_t *out_runs, uint64_t *out_readings);
 
 #endif

@@ -1,6 +1,6 @@
 #include "tests/support/web_peer.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "tests/support/process.h"
 
 #include <arpa/inet.h>

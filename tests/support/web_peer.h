@@ -54,7 +54,7 @@ struct lw_web_peer_frame {
 };
 bool lw_web_peer_read(int socket, struct lw_web_peer_frame *out_frame);
 
-/** Whether the other end closes within a time. What it sends until then is dropped. */
+/** Whether the other end closes within a time. Messages until then are dropped. */
 bool lw_web_peer_closes(int socket, unsigned limit_ms);
 
 #endif

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/atomic_file.h"
+#include "common/base/atomic_file.h"
 
 #include <dirent.h>
 #include <stdio.h>

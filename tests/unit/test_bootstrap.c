@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/measure/figures/bootstrap.h"
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,8 +1,8 @@
 #include "tests/support/support.h"
 
+#include "common/base/random.h"
 #include "common/builtin/builtin.h"
 #include "common/builtin/builtin_texture.h"
-#include "common/random.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 #include "common/shading/tangent.h"

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/checked_file.h"
+#include "common/base/checked_file.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -2,7 +2,7 @@
 
 #include "client/lib/client.h"
 #include "client/lib/link.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/tile/tile_codec.h"
 #include "server/serve/server.h"
 

@@ -1,8 +1,8 @@
 /* Who draws a light: the rule, names, bits of the wire; parts of the lights add up to all. */
+#include "common/base/colour.h"
+#include "common/base/random.h"
 #include "common/builtin/builtin.h"
-#include "common/colour.h"
 #include "common/light/client_lights.h"
-#include "common/random.h"
 #include "tests/support/support.h"
 
 #include <math.h>

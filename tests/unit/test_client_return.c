@@ -1,7 +1,7 @@
 #include "tests/support/client_case.h"
 
 #include "client/lib/client.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "server/serve/server.h"
 
 #include <sys/socket.h>

@@ -3,7 +3,7 @@
 #include "client/lib/client.h"
 #include "client/lib/link.h"
 #include "client/lib/replica.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "server/serve/server.h"
 
 #include <pthread.h>

@@ -2,7 +2,7 @@
 
 #include "client/view/compose/compose.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdio.h>

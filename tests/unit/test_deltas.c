@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/tile/tile_codec.h"
 #include "server/serve/tiles/deltas.h"
 

@@ -1,8 +1,8 @@
 /* Random directions: unit, of the densities they say, and turned without bending. */
 #include "tests/support/support.h"
 
+#include "common/base/random.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #define COUNT 4096u
 

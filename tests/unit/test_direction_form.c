@@ -1,6 +1,6 @@
 /* The form of light with a direction: closed forms, bounds, input from strangers. */
+#include "common/base/random.h"
 #include "common/light/direction_form.h"
-#include "common/random.h"
 #include "tests/support/support.h"
 
 #include <string.h>

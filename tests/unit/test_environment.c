@@ -1,5 +1,5 @@
 /* The environment: where its picture lies, how it is read, and the directions that are drawn from it. */
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/scene/environment.h"
 #include "tests/support/support.h"
 

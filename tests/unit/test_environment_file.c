@@ -1,7 +1,7 @@
 /* Environments from EXR files: values that are no light are cleaned, large pictures filtered down, files that
  * are no EXR refused. */
+#include "common/base/random.h"
 #include "common/image/image.h"
-#include "common/random.h"
 #include "server/import/images/environment_file.h"
 #include "tests/support/support.h"
 

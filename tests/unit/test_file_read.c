@@ -2,7 +2,7 @@
  * kernels. */
 #include "tests/support/support.h"
 
-#include "common/file_read.h"
+#include "common/base/file_read.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -3,7 +3,7 @@
  * on the patterns below. The patterns are made here: the authors' own pictures are not in this repository. */
 #include "tests/support/support.h"
 
-#include "common/image/flip.h"
+#include "client/measure/figures/flip.h"
 #include "common/image/image.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/folders.h"
+#include "common/base/folders.h"
 
 #include <limits.h>
 #include <stdio.h>

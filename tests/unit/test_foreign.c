@@ -2,9 +2,9 @@
  * docs/importing_other.md, and files that are broken in one place each. */
 #include "tests/support/foreign_case.h"
 
+#include "common/base/log.h"
+#include "common/base/sanitizer.h"
 #include "common/image/image.h"
-#include "common/log.h"
-#include "common/sanitizer.h"
 #include "common/scene/pose.h"
 #include "server/import/guard.h"
 

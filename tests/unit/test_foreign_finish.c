@@ -1,7 +1,7 @@
 /* Gloss and relief of MTL, FBX and Collada. */
 #include "tests/support/foreign_case.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -2,7 +2,7 @@
  * skipped, line by line of the tables of docs/importing_other.md. */
 #include "tests/support/foreign_case.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "common/scene/pose.h"
 
 #include <stdio.h>

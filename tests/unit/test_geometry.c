@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/lightmap/lightmap.h"
 #include "server/solve/geometry.h"
 #include "server/solve/state/tiles.h"

@@ -2,8 +2,8 @@
 #include "tests/support/support.h"
 
 #include "client/view/shading/gloss_maps.h"
+#include "common/base/random.h"
 #include "common/light/direction_form.h"
-#include "common/random.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/shading_bend.h"
 #include "common/shading/tangent.h"

@@ -4,7 +4,7 @@
 #include "tests/support/glb.h"
 #include "tests/support/support.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/gltf/gltf.h"
 
 #include <math.h>

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "common/guide/guide.h"
-#include "common/random.h"
+#include "client/paths/guide.h"
+#include "common/base/random.h"
 
 #include <omp.h>
 #include <stdlib.h>

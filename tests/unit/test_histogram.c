@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/histogram.h"
+#include "common/base/histogram.h"
 
 #include <math.h>
 #include <stdlib.h>

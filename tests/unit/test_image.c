@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
+#include "common/base/random.h"
 #include "common/image/image.h"
-#include "common/random.h"
 
 #include <OpenEXR/openexr.h>
 #include <dirent.h>

@@ -1,8 +1,8 @@
 /* What signals do, in processes of their own. */
 #include "tests/support/support.h"
 
-#include "common/interrupt.h"
-#include "common/log.h"
+#include "common/base/interrupt.h"
+#include "common/base/log.h"
 
 #include <poll.h>
 #include <signal.h>

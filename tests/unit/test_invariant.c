@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <signal.h>
 #include <stdio.h>

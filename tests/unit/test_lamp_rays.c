@@ -1,8 +1,8 @@
 /* Rays from lamps: what they bring to a small disc is its E by the closed form, lamp by lamp; and what a
  * point gets from the place where a ray began follows the same law. */
+#include "common/base/random.h"
 #include "common/light/direction.h"
 #include "common/light/lamp_rays.h"
-#include "common/random.h"
 #include "tests/support/support.h"
 
 #include <math.h>

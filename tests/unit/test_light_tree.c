@@ -1,9 +1,9 @@
 /* The light tree: probabilities sum up to 1, agree with the draws, and are above 0 for all that gives light;
  * groups of a region hold each light once. */
+#include "common/base/random.h"
 #include "common/light/light_tree.h"
 
 #include "common/light/light_kernels.h"
-#include "common/random.h"
 #include "tests/support/support.h"
 
 #include <math.h>

@@ -1,8 +1,8 @@
 /* One sample over all lights: unbiased, and its density is the one that the other technique gets. */
-#include "common/colour.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
 #include "common/light/direction.h"
 #include "common/light/lights16.h"
-#include "common/random.h"
 #include "tests/support/support.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/lobes.h"
 #include "common/shading/microfacets.h"

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <pthread.h>
 #include <stdio.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 #include "proto/message.h"
 
 #include <float.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/options.h"
+#include "common/base/options.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,7 +1,7 @@
 /* Options from a file, the environment and the command line: which counts, and errors. */
 #include "tests/support/support.h"
 
-#include "common/options_config.h"
+#include "common/base/options_config.h"
 
 #include <math.h>
 #include <stdio.h>

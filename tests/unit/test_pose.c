@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "common/scene/pose.h"
 
 #include <string.h>

@@ -1,8 +1,8 @@
 /* Octahedral maps, the forms of probes, and what probes know of their surroundings. */
 #include "tests/support/support.h"
 
+#include "common/base/sampling.h"
 #include "common/light/direction.h"
-#include "common/sampling.h"
 #include "common/trace/trace.h"
 #include "server/solve/transport/cube_map.h"
 #include "server/solve/transport/octahedral.h"

@@ -2,8 +2,8 @@
  * machine. */
 #include "tests/support/support.h"
 
-#include "common/log.h"
-#include "common/progress.h"
+#include "common/base/log.h"
+#include "common/base/progress.h"
 
 #include <fcntl.h>
 #include <math.h>

@@ -2,8 +2,8 @@
 
 #include "client/measure/figures/reference.h"
 #include "client/measure/sides/lattice.h"
+#include "common/base/random.h"
 #include "common/builtin/builtin.h"
-#include "common/random.h"
 
 #include <math.h>
 #include <stdlib.h>

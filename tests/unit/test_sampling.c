@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/sampling.h"
+#include "common/base/sampling.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,9 +1,9 @@
 #include "tests/support/support.h"
 
+#include "common/base/cache_folder.h"
+#include "common/base/random.h"
 #include "common/builtin/builtin.h"
-#include "common/cache_folder.h"
 #include "common/lightmap/lightmap.h"
-#include "common/random.h"
 #include "server/solve/geometry.h"
 #include "server/solve/solvers.h"
 #include "server/solve/surface/invalid_texels.h"

@@ -1,7 +1,7 @@
 #include "tests/support/serving.h"
 
-#include "common/clock.h"
-#include "common/waiting.h"
+#include "common/base/clock.h"
+#include "common/base/waiting.h"
 #include "server/serve/server.h"
 #include "tests/support/server_clock.h"
 

@@ -1,8 +1,8 @@
 #include "tests/support/serving.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
+#include "common/base/waiting.h"
 #include "common/tile/tile_codec.h"
-#include "common/waiting.h"
 #include "server/serve/server.h"
 #include "tests/support/server_clock.h"
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 #include "server/serve/sessions/session_handlers.h"
 #include "server/serve/sessions/session_private.h"
 #include "server/serve/sessions/turns.h"

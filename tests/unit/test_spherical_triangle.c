@@ -1,6 +1,6 @@
 /* Solid angles of triangles, and directions that are even over them. */
+#include "common/base/random.h"
 #include "common/light/spherical_triangle.h"
-#include "common/random.h"
 #include "tests/support/support.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <string.h>
 

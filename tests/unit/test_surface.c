@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <string.h>
 

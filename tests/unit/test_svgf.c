@@ -2,7 +2,7 @@
 #include "tests/support/support.h"
 
 #include "client/paths/svgf.h"
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdlib.h>

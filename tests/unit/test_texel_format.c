@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/tile/texel_format.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/secret_file.h"
+#include "common/base/secret_file.h"
 #include "server/serve/admission/tokens.h"
 
 #include <stdio.h>

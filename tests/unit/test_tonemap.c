@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
 #include "client/view/tonemap.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/trace/trace.h"
 
 #include <math.h>

@@ -1,8 +1,8 @@
 /* Disjoint sets: the same sets and roots whatever the order of joins. */
 #include "tests/support/support.h"
 
-#include "common/random.h"
-#include "common/union_find.h"
+#include "common/base/random.h"
+#include "common/base/union_find.h"
 
 #define COUNT 64u
 #define JOINS 40u

@@ -1,7 +1,7 @@
 #include "tests/support/support.h"
 
-#include "common/random.h"
-#include "common/vec.h"
+#include "common/base/random.h"
+#include "common/base/vec.h"
 
 static float uniform(uint32_t *serial) { return 2.0f * lw_random_unit(lw_random_hash((*serial)++)) - 1.0f; }
 

@@ -1,9 +1,9 @@
 #include "tests/support/support.h"
 
+#include "client/measure/figures/flip.h"
 #include "client/measure/figures/reference.h"
 #include "client/measure/figures/view_error.h"
-#include "common/image/flip.h"
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "tests/support/support.h"
 
-#include "common/progress.h"
+#include "common/base/progress.h"
 
 #include <pthread.h>
 

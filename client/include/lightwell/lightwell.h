@@ -13,9 +13,9 @@
  * For C11 and C++11, and later ones. Units: metres, W/m^2, W/(m^2 sr), linear sRGB; right-handed, +Y up.
  * Matrices that are "row-major 3x4" transform columns: p' = m[.][0..2] p + m[.][3].
  *
- * Structs: one that begins with struct_size is told apart by it: set it to sizeof before the call. Later
- * versions add fields at the end; a library that is newer or older than the program reads and writes the
- * fields that both know. A field of 0 in a struct that you fill is the default.
+ * Structs: a struct that begins with struct_size has its version by that: set it to sizeof before the call.
+ * Later versions add fields at the end; a library that is newer or older than the program reads and writes
+ * the fields that both know. A field of 0 in a struct that you fill is the default.
  *
  * Errors: each function that can fail returns a status and puts one line for people into *err, which may be
  * NULL; its outputs stay as they were. LW_LIVE_USAGE is for a call that is wrong in itself: a NULL, a
@@ -36,7 +36,7 @@
 #if defined(__GNUC__)
 /** Marks what the library exports. */
 #define LW_LIVE_API __attribute__((visibility("default")))
-/** The result is a status: look at it. */
+/** The result is a status, to be checked. */
 #define LW_LIVE_CHECK __attribute__((warn_unused_result))
 #else
 #define LW_LIVE_API
@@ -54,10 +54,10 @@ extern "C" {
 #define LW_LIVE_FINER     64u        /**< Level LW_LIVE_FINER + k has both sides of level 0 times 2^k. */
 #define LW_LIVE_SLOTS_MAX 1024u      /**< Tiles of such levels that a client can read at a time. */
 
-/** What became of a call. */
+/** Result of a call. */
 enum lw_live_status {
     LW_LIVE_OK = 0,
-    LW_LIVE_USAGE = 1,       /**< The call is wrong in itself. */
+    LW_LIVE_USAGE = 1,       /**< The call is not allowed, or its arguments are wrong. */
     LW_LIVE_BAD_DATA = 2,    /**< The server's scene makes no sense. */
     LW_LIVE_NO_HOST = 3,     /**< The host's name is unknown. */
     LW_LIVE_UNAVAILABLE = 4, /**< Nobody serves there, or the server refuses. */
@@ -69,7 +69,7 @@ enum lw_live_status {
     LW_LIVE_CLOSED = 10,     /**< The session is over. */
     LW_LIVE_NOT_READY = 11,  /**< The scene has not arrived yet. */
     LW_LIVE_NOT_ALLOWED =
-        12, /**< The server takes no such token, or wants one; or by TLS it is not believed. */
+        12, /**< The server refuses the token, or wants one; or TLS could not verify the server. */
     /** The server lights another scene now. The scene before is forgotten: its indices and pointers, and
      * your interest in it. The new scene comes with the next calls of lw_live_poll(), or of
      * lw_live_reconnect(). */
@@ -98,11 +98,11 @@ struct lw_live;
 #define LW_LIVE_CONTROL       8u   /**< You may call lw_live_change(). */
 #define LW_LIVE_AS_IT_IS      16u  /**< lw_live_read() gives texels as they came: see there. */
 #define LW_LIVE_TLS           32u  /**< By TLS 1.3; the server's certificate must be for `host`. */
-#define LW_LIVE_TLS_INSECURE  64u  /**< By TLS with anybody who answers. For tests. */
+#define LW_LIVE_TLS_INSECURE  64u  /**< By TLS, without a check of the server's identity. For tests. */
 #define LW_LIVE_MATERIALS     128u /**< You want finishes of materials: enum lw_live_finishes. */
 #define LW_LIVE_DIRECTIONS    256u /**< You want to know where light comes from: LW_LIVE_DIRECTION. */
 
-/** How to open a session. */
+/** Options of a session. */
 struct lw_live_desc {
     size_t struct_size;       /**< sizeof(struct lw_live_desc) */
     const char *host;         /**< Name or address; NULL: "127.0.0.1". */
@@ -136,8 +136,8 @@ LW_LIVE_API void lw_live_close(struct lw_live *live);
  * are none. The call in which the scene is complete reads it, which takes longer: the
  * atrium's 0.13 s. For every frame.
  *
- * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms until it has taken in something
- * since the call before, and tells whether the session is alive.
+ * With LW_LIVE_THREAD the thread does that: the call waits up to timeout_ms for something new since the last
+ * call, and returns whether the session is alive.
  * Errors: LW_LIVE_CLOSED, LW_LIVE_TIMED_OUT, LW_LIVE_PROTOCOL, LW_LIVE_SYSTEM, LW_LIVE_NO_MEMORY. Scene and
  * light stay readable, and lw_live_reconnect() goes on. With LW_LIVE_THREAD only what connecting again
  * cannot mend, and LW_LIVE_OTHER_SCENE, once: then go on polling, as after lw_live_open(). */
@@ -151,23 +151,23 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_poll(struct lw_live *live,
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_reconnect(struct lw_live *live,
                                                                 struct lw_live_error *err);
 
-/** How long to wait before an attempt (0, 1, ...) to connect again, in ms: by chance, out of a range
- * that grows to 500..1000, so that a server is not met by all its clients at once. seed: differs
- * from client to client. [any] */
+/** Time to wait before attempt 0, 1, ... to connect again, in ms. It is random, from a range that grows to
+ * 500..1000, so that the clients of a server do not all connect at once. seed: differs from client to client.
+ * [any] */
 LW_LIVE_API uint32_t lw_live_backoff_ms(uint32_t attempt, uint32_t seed);
 
-/** What an event loop of your own may watch for reading, before lw_live_poll(live, 0,
- * ...); -1 with LW_LIVE_THREAD. */
+/** File descriptor that an event loop of your own may watch for reading, before lw_live_poll(live, 0, ...);
+ * -1 with LW_LIVE_THREAD. */
 LW_LIVE_API int lw_live_descriptor(const struct lw_live *live);
 
-/** Finishes of materials: how smooth they are, what they mirror, their relief. They come after the first
+/** Finishes of materials: roughness, mirrored light, relief. They come after the first
  * light, once a scene. */
 enum lw_live_finishes {
     LW_LIVE_FINISHES_NONE = 0,   /**< None will come: without LW_LIVE_MATERIALS, or all is matt. */
     LW_LIVE_FINISHES_COMING = 1, /**< Until they are there all is matt. */
     LW_LIVE_FINISHES_THERE = 2   /**< lw_live_get_material(), _mesh() and _finish_texture() have them. */
 };
-/** Where the session stands. */
+/** State of the session. */
 struct lw_live_stats {
     size_t struct_size;     /**< sizeof(struct lw_live_stats) */
     int is_connected;       /**< 0 while the link is broken. */
@@ -192,7 +192,7 @@ struct lw_live_stats {
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_stats(const struct lw_live *live, struct lw_live_stats *out_stats, struct lw_live_error *err);
 
-/** What a server does before its first light: why there is none yet. */
+/** Stage of a server before its first light. */
 enum lw_live_waiting {
     LW_LIVE_WAITING_UNKNOWN = 0,        /**< It has not said: an older server, or nothing has come yet. */
     LW_LIVE_WAITING_PLACING_TEXELS = 1, /**< It places texels on surfaces. */
@@ -212,7 +212,7 @@ LW_LIVE_API const char *lw_live_waiting_text(enum lw_live_waiting waiting);
 /* ---- the scene: all LW_LIVE_NOT_READY before it has arrived; then pointers live
  * as long as the session ---- */
 
-/** How much there is. */
+/** Counts of the scene's parts. */
 struct lw_live_scene {
     size_t struct_size;            /**< sizeof(struct lw_live_scene) */
     const char *name;              /**< Never NULL, as all names. */
@@ -250,7 +250,7 @@ enum lw_live_kind {
 LW_LIVE_API uint32_t lw_live_find(const struct lw_live *live, enum lw_live_kind kind, const char *name,
                                   uint32_t nth);
 
-/** What the server says of an object. */
+/** Current state of an object. */
 enum lw_live_object_state {
     LW_LIVE_OBJECT_SHOWN = 0,  /**< It is there. */
     LW_LIVE_OBJECT_HIDDEN = 1, /**< No ray meets it. */
@@ -288,8 +288,8 @@ struct lw_live_mesh {
     uint32_t atlas_width;     /**< Texels of level 0; 0: no lightmap. */
     uint32_t atlas_height;    /**< Texels of level 0, backs included. */
     uint32_t back_offset;     /**< Added to v it gives the light of a triangle's back; 0: no backs. */
-    /** 3 per triangle, of its corners, for normal maps; NULL: none, or not yet. lw_live_tangent() tells what
-     * one means. */
+    /** 3 per triangle, of its corners, for normal maps; NULL: none, or not yet. lw_live_tangent() decodes
+     * one. */
     const uint16_t *tangent;
 };
 /** A mesh. */
@@ -319,7 +319,7 @@ struct lw_live_texture_use {
     uint32_t uv_set;    /**< 0 or 1. */
     float transform[6]; /**< Row-major 2x3, of (u, v, 1). */
 };
-/** What a material does with alpha. */
+/** Use of alpha by a material. */
 enum lw_live_alpha {
     LW_LIVE_ALPHA_OPAQUE = 0, /**< Nothing. */
     LW_LIVE_ALPHA_MASK = 1,   /**< Below alpha_cutoff there is no surface. */
@@ -331,10 +331,10 @@ struct lw_live_material {
     const char *name;                               /**< Its name. */
     float base_colour[4];                           /**< Albedo and alpha, as of the newest frame. */
     float emission[3];                              /**< W/(m^2 sr), as of the newest frame. */
-    float first_emission[3];                        /**< The same as the scene began. */
+    float first_emission[3];                        /**< Emission at the start of the scene. */
     struct lw_live_texture_use base_colour_texture; /**< A factor. */
     struct lw_live_texture_use emission_texture;    /**< A factor. */
-    enum lw_live_alpha alpha;                       /**< What alpha means. */
+    enum lw_live_alpha alpha;                       /**< Use of alpha. */
     float alpha_cutoff;                             /**< With LW_LIVE_ALPHA_MASK. */
     int is_double_sided;                            /**< It reflects and shines on both sides. */
     int is_client_light; /**< The direct light of its triangles is yours to draw: it is in no texel. */
@@ -363,13 +363,13 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_material(const struct 
                                                                    struct lw_live_material *out_material,
                                                                    struct lw_live_error *err);
 
-/** How a texture goes on beyond its edges. */
+/** Texture beyond its edges. */
 enum lw_live_wrap {
     LW_LIVE_WRAP_REPEAT = 0, /**< Again. */
     LW_LIVE_WRAP_CLAMP = 1,  /**< With its last texel. */
     LW_LIVE_WRAP_MIRROR = 2  /**< Again, mirrored. */
 };
-/** What the four bytes of a texel are. */
+/** Meaning of the four bytes of a texel. */
 enum lw_live_content {
     LW_LIVE_CONTENT_COLOUR = 0, /**< sRGB colour, linear alpha, not premultiplied. */
     LW_LIVE_CONTENT_NORMAL = 1, /**< x, y, z of a unit normal in tangent space, 127.5 (1 + x); 255. */
@@ -431,7 +431,7 @@ struct lw_live_camera {
     float up_ws[3];       /**< Unit. */
     float forward_ws[3];  /**< Unit. */
     float fov_y;          /**< Radians. */
-    float height_m;       /**< Orthographic: of what it sees, and fov_y means nothing; 0: perspective. */
+    float height_m;       /**< Height that an orthographic camera sees, which has no fov_y; 0: perspective. */
 };
 /** A camera. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_camera(const struct lw_live *live, uint32_t camera,
@@ -470,24 +470,24 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_level(const struct lw_
 LW_LIVE_API size_t lw_live_take_dirty(struct lw_live *live, uint32_t object, uint32_t level,
                                       uint64_t texels_max, struct lw_live_rect *out_rect, size_t capacity);
 
-/** What GPUs sample. */
+/** For GPU textures. */
 enum lw_live_format {
     LW_LIVE_RGB9E5 = 0,  /**< 4 bytes a texel: GL_RGB9_E5, VK_FORMAT_E5B9G9R9_UFLOAT_PACK32. Up to 65408. */
     LW_LIVE_RGBA16F = 1, /**< 8 bytes: halves, alpha 1. Up to 65504. */
     LW_LIVE_RGB32F = 2,  /**< 12 bytes. */
     LW_LIVE_RGBA32F = 3  /**< 16 bytes, alpha 1. */
 };
-/** What a texel says. */
+/** Quantity of a texel. */
 enum lw_live_quantity {
     LW_LIVE_IRRADIANCE = 0,         /**< E, W/m^2: radiance is albedo / pi x E. */
     LW_LIVE_IRRADIANCE_OVER_PI = 1, /**< E / pi: radiance is albedo times it. */
-    /** Where the light of E comes from, with LW_LIVE_DIRECTIONS: r, x, y and z, world space, 1 long at most.
-     * docs/baking.md, "Directions", makes E of a bumped normal of it. 0: not known, E is all there is. So it
-     * is until it arrives, and where the server has none: of objects that look the same without, or of all.
-     * Not in LW_LIVE_RGB9E5, which has no sign. scale is not used. */
+    /** Direction of the light of E, with LW_LIVE_DIRECTIONS: r, x, y and z, world space, 1 long at most.
+     * docs/baking.md, "Directions", makes E of a bumped normal of it. 0: not known. It
+     * stays so until the direction arrives. The server has none of objects that look the same without, or of
+     * any object. Not in LW_LIVE_RGB9E5, which has no sign. scale is not used. */
     LW_LIVE_DIRECTION = 2
 };
-/** Where lw_live_read() writes, and how. */
+/** Memory and format for lw_live_read(). */
 struct lw_live_texels {
     size_t struct_size;             /**< sizeof(struct lw_live_texels) */
     enum lw_live_format format;     /**< A texel's format. */
@@ -519,7 +519,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_sample(const struct lw_liv
                                                              const float *lightmap_uv, float *out_rgb,
                                                              struct lw_live_error *err);
 
-/** Where a ray meets the scene. */
+/** Hit of a ray. */
 struct lw_live_hit {
     size_t struct_size;   /**< sizeof(struct lw_live_hit) */
     uint32_t object;      /**< Index; LW_LIVE_NONE: it meets nothing. */
@@ -537,7 +537,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_cast(const struct lw_live 
                                                            struct lw_live_hit *out_hit,
                                                            struct lw_live_error *err);
 
-/* ---- interest: the server lights and sends what its clients want, and what that takes ---- */
+/* ---- interest: the server lights and sends the tiles that its clients want, and their contributors ---- */
 
 /** One view that you draw. */
 struct lw_live_view {
@@ -578,7 +578,7 @@ LW_LIVE_API void lw_live_want_everything(struct lw_live *live);
 
 /* ---- finer levels: tiles that are lit where a client asks for them, in a pool of yours ---- */
 
-/** What there is of finer levels. */
+/** Finer levels of the server. */
 struct lw_live_finer {
     size_t struct_size;     /**< sizeof(struct lw_live_finer) */
     uint32_t level_count;   /**< Levels LW_LIVE_FINER + 1 and so on; 0: none, see lw_live_get_finer(). */
@@ -588,13 +588,13 @@ struct lw_live_finer {
     uint64_t page_count;    /**< Tiles of finer levels of all objects: the size of a page table. */
 };
 /** Tells of finer levels. level_count is 0 before the scene is there, with finer_slots 0, and where the
- * server lights no finer levels: an older one, one with --detail 0, a relay. All else works as without
- * them. It may change when stats.session grows. For every frame.
+ * server lights no finer levels: an older one, one with --detail 0, a relay. All other calls work as without
+ * finer levels. It may change when stats.session grows. For every frame.
  * Errors: LW_LIVE_USAGE. */
 LW_LIVE_CHECK LW_LIVE_API enum lw_live_status
 lw_live_get_finer(const struct lw_live *live, struct lw_live_finer *out_finer, struct lw_live_error *err);
 
-/** Where a page table has the tiles of one finer level of one object: at first + row * columns + column. */
+/** Tiles of one finer level of one object in a page table: at first + row * columns + column. */
 struct lw_live_pages {
     size_t struct_size; /**< sizeof(struct lw_live_pages) */
     uint64_t first;     /**< Page of the tile at texel (0, 0); pages count through all objects. */
@@ -608,15 +608,14 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_get_pages(const struct lw_
                                                                 struct lw_live_pages *out_pages,
                                                                 struct lw_live_error *err);
 
-/** What becomes of one slot of your pool. Its layout is for ever. */
+/** Change of one slot of your pool. Its layout is for ever. */
 struct lw_live_slot {
     uint32_t slot;       /**< Its number, below finer_slots. */
     uint32_t has_texels; /**< 1: lw_live_read() `rect` into the slot now. 0: its texels stay. */
     uint64_t page;       /**< The page of the tile: lw_live_get_pages(). */
     /** The tile, at (x, y), of at most LW_LIVE_TILE_SIDE texels a side, with the column to its right and
-     * the row below it, which the tiles beside it begin with. At the right and the lower edge of the level
-     * there is none. So a bilinear look-up reads one slot: that of the tile which holds its upper left
-     * texel. */
+     * the row below it, which the tiles beside it begin with. The right and the lower edge of the level have
+     * no border. So a bilinear look-up reads one slot: that of the tile which holds its upper left texel. */
     struct lw_live_rect rect;
     /** 0..1: the share of the tile over coarser light. 0 without has_texels: the tile is gone, and the slot
      * free. */
@@ -625,7 +624,7 @@ struct lw_live_slot {
 /** Takes the changes of slots since the last call, in this order. A tile that is wanted and has arrived
  * gets a slot, and keeps it until the tile goes. A tile goes when the server drops it, when it is too
  * noisy, or when it is no longer wanted. Its share falls to 0 while the slot keeps its texels. Shares move
- * by 1 in a quarter of a second. Changes that are left stay for the next call. For every frame, before you
+ * by 1 in a quarter of a second. The next call has the remaining changes. For every frame, before you
  * draw.
  *
  * now_ns      of a clock of yours, growing, above 0; 0: tiles come and go at once
@@ -637,7 +636,7 @@ LW_LIVE_API size_t lw_live_take_slots(struct lw_live *live, uint64_t now_ns, siz
 
 /* ---- changing the scene ---- */
 
-/** What a change does; the numbers in brackets say what target is, and how many values there are. */
+/** Kinds of changes. In brackets: the target, and the number of values. */
 enum lw_live_change_kind {
     LW_LIVE_CHANGE_OBJECT_TRANSFORM = 1,     /**< Object to world, row-major 3x4 [object, 12]. */
     LW_LIVE_CHANGE_OBJECT_RESTORE = 2,       /**< Where the scene has it, and shown [object, 0]. */
@@ -677,7 +676,7 @@ LW_LIVE_CHECK LW_LIVE_API enum lw_live_status lw_live_change(struct lw_live *liv
                                                              size_t count, uint64_t *out_request,
                                                              struct lw_live_error *err);
 
-/** What became of a call of lw_live_change(). */
+/** Result of a call of lw_live_change(). */
 struct lw_live_answer {
     size_t struct_size;    /**< sizeof(struct lw_live_answer) */
     uint64_t request;      /**< Its number. */

@@ -1,6 +1,6 @@
 #include "client/measure/figures/bootstrap.h"
 
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -16,7 +16,7 @@ static double at(const struct lw_reference *reference, size_t i) {
     return 0.5 * ((double)reference->half[0][i] + (double)reference->half[1][i]);
 }
 
-/* What squares are divided by, without the pixel's own. */
+/* Divisor of the squares, without the pixel's own part. */
 static double floor_of(const struct lw_reference *reference) { return FLOOR_SHARE * reference->mean_square; }
 
 enum lw_status lw_reference_init(struct lw_reference *reference, const struct lw_path_world *world,

@@ -36,8 +36,8 @@ void lw_scaling_figures_line(const uint32_t *users, const double *cost, uint32_t
  * is. */
 double lw_scaling_figures_cross(double fixed, double slope, double alone);
 
-/** How many rungs to try at the next, denser density. rung: the last one that gained. One more than those
- * that gained, but no more than before. */
+/** Number of rungs to try at the next, higher density. rung: the last one that gained. One more than the
+ * rungs that gained, but no more than before. */
 static inline uint32_t lw_scaling_figures_rungs(uint32_t rung, uint32_t rung_count) {
     return rung + 2 < rung_count ? rung + 2 : rung_count;
 }

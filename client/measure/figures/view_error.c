@@ -1,6 +1,6 @@
 #include "client/measure/figures/view_error.h"
 
-#include "common/image/flip.h"
+#include "client/measure/figures/flip.h"
 
 #include <assert.h>
 #include <math.h>
@@ -69,7 +69,7 @@ double lw_view_error_relmse(const struct lw_view_error_reference *reference, con
 
 /* ---- one picture ---- */
 
-/* How a display shows light. */
+/* Light as a display shows it. */
 static void to_display(const struct lw_view_error_desc *desc, const float light[3], float out_rgb[3]) {
     const float scale = exp2f(fminf(fmaxf(desc->stops, -LW_TONEMAP_STOPS_MAX), LW_TONEMAP_STOPS_MAX));
     const struct lw_vec3 exposed = lw_vec3_scale(lw_vec3(light[0], light[1], light[2]), scale);

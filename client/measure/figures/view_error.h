@@ -1,7 +1,7 @@
 /* view_error.h: errors of pictures against references, in several measures from the same frames.
  * Flow:    parts of views: references and pictures -> [view_error] -> relMSE, FLIP, flicker, lag
  * Threads: one thread at a time per sum.
- * After:   Andersson et al. 2020 (FLIP; common/image/flip.h).
+ * After:   Andersson et al. 2020 (FLIP; client/measure/figures/flip.h).
  *
  * A reference has two independent halves a and b, each a mean of the same number of paths (reference.h). t
  * is their mean:
@@ -23,7 +23,7 @@
 #define LW_CLIENT_MEASURE_FIGURES_VIEW_ERROR_H
 
 #include "client/view/tonemap.h"
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

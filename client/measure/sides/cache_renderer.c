@@ -2,7 +2,7 @@
 
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/views.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <stdlib.h>
 #include <time.h>

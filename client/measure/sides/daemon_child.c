@@ -1,7 +1,7 @@
 #include "client/measure/sides/daemon_child.h"
 
 #include "client/view/local_server.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_MEASURE_SIDES_DAEMON_CHILD_H
 #define LW_CLIENT_MEASURE_SIDES_DAEMON_CHILD_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -2,7 +2,7 @@
 
 #include "client/measure/sides/path_world.h"
 #include "client/measure/sides/views.h"
-#include "common/random.h"
+#include "common/base/random.h"
 #include "common/scene/scene_motion.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@
 #define POINTS_MAX  512u
 #define FIRST_S     2.0 /* when the scene's movers count */
 #define LAST_S      6.0
-#define WAY_M       1.0f /* nearer to it nobody stands: the lamp would fill the view */
+#define WAY_M       1.0f /* no view is nearer: the lamp would fill it */
 #define SIGHT_M     1.5f
 #define NEAR_M      0.7f
 #define NEAR_SHARE  0.1f

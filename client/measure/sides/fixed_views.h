@@ -50,7 +50,7 @@ LW_MUST_CHECK enum lw_status lw_fixed_views_init(struct lw_fixed_views *views, c
 LW_MUST_CHECK enum lw_status lw_fixed_views_pick(struct lw_fixed_views *views, const struct lw_scene *scene,
                                                  unsigned threads, struct lw_error *err);
 
-/** Where a view's camera is. time_s: of the animation. view: below LW_FIXED_VIEWS_COUNT. */
+/** Camera of a view. time_s: of the animation. view: below LW_FIXED_VIEWS_COUNT. */
 struct lw_camera_view lw_fixed_views_at(const struct lw_fixed_views *views, uint32_t view, double time_s);
 
 /** Whether a view drifts. */

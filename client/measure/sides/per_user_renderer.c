@@ -3,8 +3,8 @@
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/path_world.h"
 #include "client/measure/sides/views.h"
-#include "common/clock.h"
-#include "common/random.h"
+#include "common/base/clock.h"
+#include "common/base/random.h"
 
 #include <stdlib.h>
 
@@ -84,8 +84,7 @@ static enum lw_status set_users(struct lw_renderer *renderer, uint32_t users, st
     return LW_OK;
 }
 
-/* How many paths a frame adds: those of the setting; in a still picture, a sixteenth, up to those in
- * all. */
+/* Paths that a frame adds: those of the setting. In a still picture a sixteenth of them, until all exist. */
 static uint32_t samples_now(const struct per_user_renderer *c, const struct screen *screen) {
     if (!c->desc.still || lw_path_renderer_remembers(c->kind)) return c->setting.samples;
     uint32_t left = c->setting.samples - lw_path_renderer_samples(screen->renderer),

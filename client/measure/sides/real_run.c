@@ -4,7 +4,7 @@
 #include "client/measure/sides/lattice.h"
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/views.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -18,8 +18,8 @@ struct lw_real_run_desc {
     uint32_t seed;
     double seconds; /* measured */
     double warm_s;  /* not measured, before that; of the cache, at most */
-    /* Cache: it warms up until the server has spent this CPU time. Wall time alone does not tell how much
-     * light there is. With 3 s of it many texels had one sample, and fireflies among them made 60 to 80 % of
+    /* Cache: it warms up until the server has spent this CPU time. Wall time alone does not determine the
+     * amount of light. With 3 s of it many texels had one sample, and fireflies among them made 60 to 80 % of
      * the error (an object turning in the atrium). */
     double warm_cpu_s;
     uint32_t users; /* the cache's */

@@ -60,7 +60,7 @@ struct lw_renderer_desc {
     const char *solver; /* cache: by name; NULL: the default */
 };
 
-/** What a side spends on its pictures. Each side reads its own fields. */
+/** Cost of a side's pictures. Each side reads its own fields. */
 struct lw_setting {
     uint32_t samples;                          /* path tracer: paths per pixel and frame */
     double density;                            /* cache: texels per metre over the scene's default */

@@ -1,8 +1,8 @@
 #include "client/measure/sides/scene_densities.h"
 
-#include "common/clock.h"
-#include "common/folders.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/folders.h"
+#include "common/base/log.h"
 #include "common/scene/package.h"
 #include "common/scene/pose.h"
 

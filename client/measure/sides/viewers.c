@@ -1,6 +1,6 @@
 #include "client/measure/sides/viewers.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -46,7 +46,7 @@ struct lw_client_stats lw_viewers_stats(const struct lw_viewers *a, uint32_t use
     return stats;
 }
 
-/* What the first client brings is for all. */
+/* All clients use the first client's scene. */
 static enum lw_status set_stage(struct lw_viewers *a, struct lw_error *err) {
     const struct lw_scene *scene = lw_client_scene(a->user[0].client);
     enum lw_status status = lw_pose_init(&a->pose, scene);

@@ -1,5 +1,5 @@
 /* viewers.h: the users of one server in one process. Each has a client; they share scene, rays and
- * composer. Who draws by OpenGL has a renderer of its own, with its own copy of the light, as a GPU has.
+ * composer. A viewer by OpenGL has a renderer of its own, with a copy of the light, as on a GPU of its own.
  * Flow:    server -> clients -> [viewers] -> pictures
  * Threads: one thread at a time, with OpenGL always the same; a picture is composed by several threads. */
 #ifndef LW_CLIENT_MEASURE_SIDES_VIEWERS_H

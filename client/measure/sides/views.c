@@ -1,7 +1,7 @@
 #include "client/measure/sides/views.h"
 
 #include "client/paths/camera_default.h"
-#include "common/random.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdio.h>

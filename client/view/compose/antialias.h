@@ -12,8 +12,8 @@
 
 #define LW_ANTIALIAS_SAMPLES_MAX 1024u
 
-/* Samples of a pixel at an edge, beside the one through its centre, where nobody says: with more of them,
- * as many samples of every pixel are the cheaper way where surfaces have textures (docs/lab/look.md). */
+/* Default number of samples of a pixel at an edge, beside the one through its centre. Where surfaces have
+ * textures, more samples are cheaper if all pixels have them (docs/lab/look.md). */
 #define LW_ANTIALIAS_EDGE_SAMPLES 4u
 /* About how many times a sample of a whole picture's pixels one at an edge costs: its packets meet more
  * triangles. */
@@ -28,14 +28,14 @@ struct lw_antialias {
     uint32_t *row_edge; /* how many there are in each band of rows */
 };
 
-/** Room for pictures of up to pixel_count pixels. A zeroed antialias has none. Errors: LW_NO_MEMORY; it
- * then stays as it was. */
+/** Room for pictures of up to pixel_count pixels. A zeroed antialias has none. Errors: LW_NO_MEMORY; the
+ * memory then stays as it was. */
 LW_MUST_CHECK enum lw_status lw_antialias_reserve(struct lw_antialias *antialias, size_t pixel_count,
                                                   struct lw_error *err);
 /** A zeroed one is fine. */
 void lw_antialias_finish(struct lw_antialias *antialias);
 
-/** Where in its pixel sample `index` of `count` lies, from the centre; pixels, within +-1/2. Their mean is
+/** Place of sample `index` of `count` in its pixel, from the centre; pixels, within +-1/2. Their mean is
  * the centre, to 1/2^24; one alone is the centre itself. */
 void lw_antialias_offset(uint32_t index, uint32_t count, float *out_x, float *out_y);
 

@@ -1,4 +1,5 @@
-/* attention.h: a viewer's interest set: the tiles of its picture, those around it, and those of a moment ago.
+/* attention.h: a viewer's interest set: the tiles of its picture, of its surroundings, and of its last
+ * moments.
  * Flow:    compose (needed, around) -> [attention] -> lw_client_want() -> server
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_ATTENTION_H

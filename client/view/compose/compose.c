@@ -1,7 +1,7 @@
 #include "client/view/compose/compose.h"
 
 #include "client/view/compose/compose_render.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/lightmap/lightmap.h"
 
 #include <omp.h>
@@ -213,7 +213,7 @@ static void begin(struct lw_compose *compose, const struct lw_compose_source *so
     compose->finishes = find_finishes(compose);
     if (!compose->finishes) return;
     place_objects(compose);
-    /* without memory for it nothing is mirrored of the environment but what E tells */
+    /* without memory for it, surfaces mirror E alone and not the environment */
     if (lw_ambient_take(&compose->ambient, &compose->scene->environment) != LW_OK) return;
 }
 

@@ -1,6 +1,7 @@
-/* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission at what it meets.
+/* compose.h: the picture: one primary ray per pixel, albedo/pi * irradiance + emission of the surface that it
+ * meets.
  * Flow:    replica (levels, tiles), trace, pose, camera -> [compose] -> linear radiance, needed tiles.
- *          direct_pixels adds the direct light of the lights that the client draws.
+ *          direct_tile adds the direct light of the lights that the client draws.
  * Threads: one thread at a time per lw_compose; renders on several threads inside. Same inputs, same bytes,
  *          at any number of threads. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_COMPOSE_H
@@ -15,7 +16,7 @@
 
 #define LW_COMPOSE_LAYERS_MAX 16u /* BLEND surfaces along one ray; the last one counts as opaque */
 
-/** Where the light comes from. The pointers that `level` gives must stay good during a render. */
+/** Sources of light. The pointers that `level` gives must stay good during a render. */
 struct lw_compose_source {
     const void *context;
     struct lw_client_level (*level)(const void *context, uint32_t object, uint32_t level);
@@ -36,7 +37,7 @@ struct lw_compose_desc {
     const struct lw_trace *trace; /* the same scene's; at the pose of each render */
     unsigned threads;             /* 0: all */
     bool unfiltered;              /* reads noisy tiles, too, at the level that a pixel needs */
-    /* Lights whose direct light is computed at the pixels, since tiles lack it (direct_pixels.h). NULL: none.
+    /* Lights whose direct light is computed at the pixels, since tiles lack it (direct_tile.h). NULL: none.
      * Its arrays must outlive the composer, the struct need not. pose: the scene's, read at creation; only
      * with client-drawn lights. */
     const struct lw_client_lights *drawn;
@@ -45,7 +46,7 @@ struct lw_compose_desc {
 
 struct lw_compose;
 
-/** What desc points to must outlive it. Errors: LW_NO_MEMORY. */
+/** The objects that desc points to must outlive it. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_compose_create(const struct lw_compose_desc *desc,
                                                struct lw_compose **out_compose, struct lw_error *err);
 void lw_compose_destroy(struct lw_compose *compose);
@@ -63,7 +64,7 @@ struct lw_compose_view {
 /* A picture that shows less error is good to look at (docs/lab/look.md). */
 #define LW_COMPOSE_GOOD_ERROR 0.026f
 
-/** How well the light that arrived serves a view. */
+/** Quality of the arrived light for a view. */
 struct lw_compose_report {
     uint32_t tiles_needed;
     uint32_t tiles_missing;    /* needed, and not there at all, nor level 0 below a finer tile */

@@ -1,7 +1,7 @@
 #include "client/view/compose/compose_finish.h"
 
 #include "client/view/shading/mirror.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <string.h>
 

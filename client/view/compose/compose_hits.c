@@ -1,6 +1,6 @@
 #include "client/view/compose/compose_hits.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/scene/environment.h"
 
 /* A share of light that no 8-bit picture shows. */

@@ -1,6 +1,6 @@
 #include "client/view/compose/compose_look.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/tile/fine_choice.h"
 
 /* Whether a look-up of level 0 reads even light: a finer level would show the same. Noisy texels, and tiles
@@ -99,7 +99,7 @@ struct lw_compose_light lw_compose_look_light(struct lw_compose *compose, const 
     return lw_compose_texels_stand_in(compose, object, level > wanted ? level : wanted, look->uv, out_level);
 }
 
-/* The colour of a chart at a hit; level: that its light is read at. */
+/* Colour of a chart at a hit. level: of its light */
 static struct lw_vec3 chart(const struct lw_compose *compose, const struct lw_compose_look *look, int level) {
     const uint32_t tile = look->footprint.tile[0];
     if (look->object->level_count == 0) return lw_compose_grey(LW_SHOW_UNLIT);

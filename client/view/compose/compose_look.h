@@ -28,7 +28,7 @@ void lw_compose_look_at(const struct lw_compose *compose, struct lw_compose_patc
 struct lw_compose_light lw_compose_look_light(struct lw_compose *compose, const struct lw_compose_look *look,
                                               int *out_level);
 
-/** What a hit sends to the eye, of what the view shows.
+/** Radiance from a hit to the eye, of the parts of light that the view shows.
  * level      that e is read at
  * reflects   the albedo; set to the share of client-drawn light that it shows */
 struct lw_vec3 lw_compose_look_leaving(const struct lw_compose *compose, const struct lw_compose_look *look,

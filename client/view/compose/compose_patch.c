@@ -13,7 +13,7 @@ static bool is_flat(const struct lw_mesh *mesh, const uint32_t vertex[3], struct
     return true;
 }
 
-/* What of a triangle the points that light arrives at are made of. */
+/* Part of a triangle that points for direct light are made of. */
 static void place_patch(const struct lw_compose *compose, uint32_t o, const struct lw_mesh *mesh,
                         struct lw_vec3 normal_os, struct lw_compose_patch *out) {
     const struct lw_place *place = &compose->place[o];
@@ -50,7 +50,7 @@ static bool is_simple(const struct lw_mesh *mesh, const struct lw_material *mate
 /* lw_scene_light_normal() takes the face where a shading normal's cosine with it is not above 0.01. */
 #define SOUND_MIN 0.011f
 
-/* What the finishes of a triangle's points are made of. */
+/* Part of a triangle that finishes of its points are made of. */
 static void finish_patch(const struct lw_compose *compose, uint32_t o, const struct lw_mesh *mesh,
                          struct lw_vec3 normal_os, struct lw_compose_patch *out) {
     const struct lw_place *place = &compose->place[o];

@@ -16,6 +16,7 @@
 #include "client/camera/place.h"
 #include "client/view/compose/compose.h"
 #include "client/view/lights/direct_pixels.h"
+#include "client/view/lights/direct_tile.h"
 #include "client/view/shading/gloss_maps.h"
 
 /* A pixel of light, in the sums of what tiles show: whole numbers, so that no order of threads changes
@@ -37,13 +38,13 @@ struct lw_compose_object {
     bool has_fine; /* a tile of a finer level is here */
 };
 
-/* What pixels mirror by a ray. */
+/* Rays that pixels mirror. */
 struct lw_compose_mirrored {
     uint16_t lanes;
     struct lw_vec3 origin[LW_TRACE_WIDTH], direction[LW_TRACE_WIDTH];
     struct lw_vec3 tint[LW_TRACE_WIDTH]; /* share of the ray's radiance that the eye sees */
     float width_m[LW_TRACE_WIDTH];       /* width of the lobe where the ray begins */
-    float slope[LW_TRACE_WIDTH];         /* and how much more there is of it a metre */
+    float slope[LW_TRACE_WIDTH];         /* growth of the width a metre */
 };
 
 /* Sixteen pixels on their way through the layers in front of them. */
@@ -59,7 +60,7 @@ struct lw_compose_packet {
     const struct lw_camera_plane *plane;
     bool listed; /* its pixels are from anywhere */
     struct lw_compose_mirrored mirrored;
-    bool is_mirrored; /* its rays are those that another one mirrors; width_m and slope are its own */
+    bool is_mirrored; /* its rays are mirrored by another packet, and mirrored.width_m and slope are theirs */
     /* the layer that reflects most of the tiles' light to the eye: its luminance there, and its tile */
     float reflected[LW_TRACE_WIDTH];
     uint32_t tile[LW_TRACE_WIDTH];
@@ -75,10 +76,10 @@ struct lw_compose_pixels {
 /* A thread's memory where direct light is worked out: of one screen tile, or as many pixels of a list. */
 struct lw_compose_worker {
     struct lw_direct_tile *tile;
-    struct lw_compose_packet second[LW_DIRECT_PIXELS_BLOCKS]; /* what the packets mirror */
-    struct lw_compose_pixels at[LW_DIRECT_PIXELS_BLOCKS];
-    struct lw_compose_packet packet[LW_DIRECT_PIXELS_BLOCKS];
-    uint16_t going[LW_DIRECT_PIXELS_BLOCKS];
+    struct lw_compose_packet second[LW_DIRECT_TILE_BLOCKS]; /* what the packets mirror */
+    struct lw_compose_pixels at[LW_DIRECT_TILE_BLOCKS];
+    struct lw_compose_packet packet[LW_DIRECT_TILE_BLOCKS];
+    uint16_t going[LW_DIRECT_TILE_BLOCKS];
 };
 
 struct lw_compose {
@@ -142,7 +143,7 @@ static inline bool lw_compose_shades_finish(const struct lw_compose *compose,
            (lw_compose_is_finished(material) || lw_show_is_of_finish(compose->show));
 }
 
-/* What a ray stands for where it meets a surface: a pixel, or the lobe of a mirror. */
+/* Width of a ray where it meets a surface: that of a pixel, or of a mirror's lobe. */
 static inline float lw_compose_packet_width(const struct lw_compose_packet *p, unsigned i, float t) {
     return p->is_mirrored ? p->mirrored.width_m[i] + p->mirrored.slope[i] * t
                           : lw_camera_pixel_at(p->plane, t);

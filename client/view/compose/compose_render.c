@@ -1,7 +1,7 @@
 #include "client/view/compose/compose_render.h"
 
 #include "client/view/compose/compose_hits.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <omp.h>
 
@@ -10,9 +10,8 @@
 #define BLOCK       4u    /* pixels; one packet is BLOCK x BLOCK */
 
 _Static_assert(BLOCK *BLOCK == LW_TRACE_WIDTH, "a packet is one block of pixels");
-_Static_assert(SCREEN_TILE == BLOCK * LW_DIRECT_PIXELS_SIDE,
-               "direct light is worked out for one screen tile");
-_Static_assert(LISTED == LW_DIRECT_PIXELS_BLOCKS * LW_TRACE_WIDTH, "or for as many pixels of a list");
+_Static_assert(SCREEN_TILE == BLOCK * LW_DIRECT_TILE_SIDE, "direct light is worked out for one screen tile");
+_Static_assert(LISTED == LW_DIRECT_TILE_BLOCKS * LW_TRACE_WIDTH, "or for as many pixels of a list");
 
 /* A packet whose rays have met nothing yet. */
 static void begin_rays(struct lw_compose_packet *p) {
@@ -193,7 +192,7 @@ static void light_layers(struct lw_compose *compose, struct lw_compose_patches *
     bool any = true;
     for (unsigned layer = 1; any && layer <= LW_COMPOSE_LAYERS_MAX; layer++) {
         any = false;
-        for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+        for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++) {
             struct lw_hit16 hits;
             w->tile->block[b].active = w->tile->block[b].finished = 0;
             if (!w->going[b]) continue;
@@ -203,8 +202,8 @@ static void light_layers(struct lw_compose *compose, struct lw_compose_patches *
             note_points(compose, &packet[b], met, look, &hits, &finished, &w->tile->block[b]);
             any |= w->going[b] != 0;
         }
-        lw_direct_pixels_light(compose->direct, w->tile);
-        for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) add_direct(&packet[b], &w->tile->block[b]);
+        lw_direct_tile_light(compose->direct, w->tile);
+        for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++) add_direct(&packet[b], &w->tile->block[b]);
     }
 }
 
@@ -213,7 +212,7 @@ static void render_lit(struct lw_compose *compose, const struct lw_compose_view 
                        const struct lw_camera_plane *plane, struct lw_compose_patches *patches,
                        struct lw_compose_worker *w) {
     bool any = false;
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++) {
         w->going[b] = w->at[b].active;
         w->packet[b].mirrored.lanes = 0;
         if (!w->going[b]) continue;
@@ -223,7 +222,7 @@ static void render_lit(struct lw_compose *compose, const struct lw_compose_view 
     if (any) light_layers(compose, patches, w, w->packet);
     if (!compose->mirrors) return;
     any = false;
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++) {
         w->going[b] = w->packet[b].mirrored.lanes;
         if (!w->going[b]) continue;
         aim_mirrored(&w->packet[b], &w->second[b]);
@@ -232,7 +231,7 @@ static void render_lit(struct lw_compose *compose, const struct lw_compose_view 
     if (!any) return;
     w->tile->listed = true;
     light_layers(compose, patches, w, w->second);
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) add_mirrored(&w->packet[b], &w->second[b]);
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++) add_mirrored(&w->packet[b], &w->second[b]);
 }
 
 static void render_lit_tile(struct lw_compose *compose, const struct lw_compose_view *view,
@@ -240,11 +239,11 @@ static void render_lit_tile(struct lw_compose *compose, const struct lw_compose_
                             struct lw_compose_patches *patches, struct lw_compose_worker *w, float *out_rgb) {
     w->tile->x = left, w->tile->y = top;
     w->tile->listed = false;
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++)
-        place_block(view, left + b % LW_DIRECT_PIXELS_SIDE * BLOCK, top + b / LW_DIRECT_PIXELS_SIDE * BLOCK,
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++)
+        place_block(view, left + b % LW_DIRECT_TILE_SIDE * BLOCK, top + b / LW_DIRECT_TILE_SIDE * BLOCK,
                     &w->at[b]);
     render_lit(compose, view, plane, patches, w);
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++)
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++)
         if (w->at[b].active) show(compose, view, &w->packet[b], &w->at[b], out_rgb);
 }
 
@@ -294,13 +293,13 @@ static void render_lit_list(struct lw_compose *compose, const struct lw_compose_
                             float *out_rgb) {
     w->tile->x = (uint32_t)first, w->tile->y = UINT32_MAX; /* no place of a screen tile */
     w->tile->listed = true;
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++) {
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++) {
         const size_t at = first + b * LW_TRACE_WIDTH;
         w->at[b].active = 0;
         if (at < end) place_listed(view, pixel, at, end, &w->at[b]);
     }
     render_lit(compose, view, plane, patches, w);
-    for (uint32_t b = 0; b < LW_DIRECT_PIXELS_BLOCKS; b++)
+    for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++)
         if (w->at[b].active) list(&w->packet[b], w->at[b].active, out_rgb + 3 * (first + b * LW_TRACE_WIDTH));
 }
 

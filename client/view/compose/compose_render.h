@@ -1,6 +1,6 @@
 /* compose_render.h: the pixels of screen tiles and of lists: packets through all layers, with direct light
  * and what they mirror.
- * Flow:    camera -> rays -> [compose_render: hits, direct_pixels] -> picture; what each tile shows of it
+ * Flow:    camera -> rays -> [compose_render: hits, direct_tile] -> picture; what each tile shows of it
  * Threads: renders on compose->threads threads. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_COMPOSE_RENDER_H
 #define LW_CLIENT_VIEW_COMPOSE_COMPOSE_RENDER_H

@@ -119,7 +119,7 @@ static inline void lw_compose_texels_mark_needed(struct lw_compose *compose,
             __atomic_store_n(&compose->needed[f->tile[i]], 1, __ATOMIC_RELAXED);
 }
 
-/** What stands in for a level: the next coarser one that can be read, or else a finer one.
+/** Level that is read in place of one that lacks: the next coarser level that has light, or else a finer one.
  * out_level  that it is read at; LW_ATLAS_LEVELS_MAX: none, and it is the scene's average */
 struct lw_compose_light lw_compose_texels_stand_in(const struct lw_compose *compose,
                                                    const struct lw_compose_object *object, int first,

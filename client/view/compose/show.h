@@ -7,7 +7,7 @@
 #include "client/lib/client.h"
 #include "client/view/compose/attention.h"
 
-/* tag, name, what it is in a few words. The first three are those of enum lw_path_part. From TEXELS on it is
+/* tag, name, description in a few words. The first three are those of enum lw_path_part. From TEXELS on it is
  * a chart. */
 #define LW_SHOW_MAP(X)                                                                                       \
     X(ALL, "all", "all light")                                                                               \

@@ -1,5 +1,4 @@
-/* stage.h: what a viewer needs around one client: the pose of what it received, the rays and the composer for
- * it.
+/* stage.h: the state of a viewer with one client: the pose that it received, rays, a composer.
  * Flow:    client -> [stage] -> headless and window; interest set -> [stage] -> client
  * Threads: one thread at a time. */
 #ifndef LW_CLIENT_VIEW_COMPOSE_STAGE_H
@@ -41,8 +40,8 @@ LW_MUST_CHECK enum lw_status lw_stage_follow(struct lw_stage *stage, bool *out_m
 LW_MUST_CHECK enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view *camera,
                                            uint32_t width, uint32_t height, struct lw_error *err);
 
-/** Sets what a view shows, with the colours of tiles as they are now where that is a chart of them; they are
- * good until the next call. Errors: LW_NO_MEMORY. */
+/** Sets the part of light, or the chart, that a view shows. A chart of tiles has their current colours, valid
+ * until the next call. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_stage_show(struct lw_stage *stage, enum lw_show show,
                                            struct lw_compose_view *view, struct lw_error *err);
 

@@ -1,10 +1,10 @@
 #include "client/view/lights/emitter_clusters.h"
 
-#include "common/cdf.h"
-#include "common/colour.h"
+#include "common/base/cdf.h"
+#include "common/base/colour.h"
+#include "common/base/random.h"
+#include "common/base/wide.h"
 #include "common/light/light_kernels.h"
-#include "common/random.h"
-#include "common/wide.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -177,7 +177,7 @@ static int by_key(const void *left, const void *right, void *context) {
     return a->emitter != b->emitter ? ORDER(a->emitter, b->emitter) : (int)a->flipped - (int)b->flipped;
 }
 
-/* How far the sides of a facet lie apart along an axis. */
+/* Distance of a facet's sides along an axis. */
 static float spread_of(struct key *key, const struct lw_emitter_facet *facet, int axis) {
     float low = INFINITY, high = -INFINITY;
     key->axis = axis;

@@ -1,20 +1,20 @@
 /* emitter_clusters.h: small emissive meshes as lamps: the unshadowed light of each at a point, and targets on
  * it for shadow rays.
- * Flow:    lights -> [emitter_clusters] -> direct_pixels
+ * Flow:    lights -> [emitter_clusters] -> direct_pixels, direct_tile
  * Threads: init and set_pose by one thread; the rest [any] in between.
  *
  * A cluster is made of connected triangles of one object and one material, and of such pieces that lie close
  * together. Its light without shadows is computed, not sampled, so it has no noise. A shadow ray to one place
  * on it says how much of that arrives (Heitz, Hill, McGuire: Combining Analytic Direct Illumination and
  * Stochastic Shadows, 2018).
- *   from afar    a point whose intensity depends on the direction (a map of the octahedron). What stands
- *                close to it, such as a lamp's shade or cage, is part of it: shadow rays end before that
+ * from afar    a point whose intensity depends on the direction (a map of the octahedron). An object close to
+ * it, such as a lamp's shade or cage, is part of it: shadow rays end before that
  *   from nearby  a few facets, each as bright as a disc of its area; shadow rays go all the way */
 #ifndef LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 #define LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 
+#include "common/base/points16.h"
 #include "common/light/lights.h"
-#include "common/points16.h"
 #include "common/trace/trace.h"
 
 #define LW_EMITTER_CLUSTERS_POINTS     64u /* places on a cluster, a multiple of 16 */

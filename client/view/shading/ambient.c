@@ -66,7 +66,7 @@ static struct lw_vec3 direction_of(uint32_t i, uint32_t j) {
     return lw_vec3_normalize(lw_vec3(x + (x < 0 ? fold : -fold), y + (y < 0 ? fold : -fold), z));
 }
 
-/* What a mirror sees that faces the eye: each facet mirrors about the direction itself. */
+/* Radiance in a mirror that faces the eye: each facet mirrors about the eye's direction. */
 static float weight_of(float cosine, float alpha) {
     const float half2 = 0.5f + 0.5f * cosine, d = 1 - half2 + alpha * alpha * half2; /* squares of cosines */
     return alpha * alpha / (d * d) * cosine;

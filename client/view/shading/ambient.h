@@ -27,7 +27,8 @@ struct lw_ambient {
 LW_MUST_CHECK enum lw_status lw_ambient_take(struct lw_ambient *ambient, const struct lw_environment *from);
 void lw_ambient_finish(struct lw_ambient *ambient);
 
-/** What a mirror of a roughness in [0, 1] sees along a unit direction, W/(m^2 sr). 0 without environment. */
+/** Radiance that a mirror of a roughness in [0, 1] reflects from a unit direction, W/(m^2 sr). 0 without
+ * environment. */
 struct lw_vec3 lw_ambient_mirrored(const struct lw_ambient *ambient, struct lw_vec3 direction,
                                    float roughness);
 /** E/pi of what arrives about a unit normal, W/(m^2 sr). */

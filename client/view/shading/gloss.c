@@ -1,10 +1,10 @@
 #include "client/view/shading/gloss.h"
 
+#include "common/base/wide.h"
 #include "common/light/direction_form.h"
 #include "common/shading/lobe_table.h"
 #include "common/shading/microfacets.h"
 #include "common/shading/shading_bend.h"
-#include "common/wide.h"
 
 #include <float.h>
 
@@ -145,7 +145,7 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         }
 }
 
-/* What neighbours in a quad differ by; thin things and edges have none. */
+/* Difference of neighbours in a quad. Thin objects and edges have none. */
 LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], unsigned quads, float *restrict out) {
     for (unsigned i = 0; i < WIDTH; i++) {
         float sum = 0;

@@ -1,6 +1,6 @@
 /* gloss.h: sixteen points of surfaces with a finish as an eye sees them, in the form that clients draw.
  * Flow:    finishes of a packet's hits (gloss_maps) -> [gloss] -> compose (light from everywhere),
- *          direct_pixels (lamps)
+ *          direct_tile (lamps)
  * Threads: pure functions, [any].
  *
  * With a and b of common/shading/lobe_table.h for the eye's cosine, E = a + b:
@@ -10,8 +10,8 @@
  *   of a lamp, E there:      E (diffuse under / pi + D V F boost)
  *   of everything else:      occlusion (E/pi factor diffuse under + gain ambient (f0 a + f90 b) boost)
  *
- * ambient is the radiance along the mirrored direction: of sky and environment, as far as E tells that they
- * are seen; what more E is arrives evenly. factor and gain are 1, or, where it is known where E comes from,
+ * ambient is the radiance along the mirrored direction: of the share of sky and environment that E shows as
+ * visible. The rest of E counts as even. factor and gain are 1, or, where it is known where E comes from,
  * those of common/light/direction_form.h for the normal of the map and for the mirrored direction. Path
  * tracers have the exact form (lobes.h), whose lobes are reciprocal.
  *
@@ -21,7 +21,7 @@
 #define LW_CLIENT_VIEW_SHADING_GLOSS_H
 
 #include "client/view/shading/ambient.h"
-#include "common/points16.h"
+#include "common/base/points16.h"
 #include "common/shading/lobes.h"
 
 #define LW_GLOSS_WIDTH 16u
@@ -48,10 +48,10 @@ struct lw_gloss16 {
     uint16_t quads;                  /* lanes that are pixels of a quad of 4 x 4 pixels, all of one surface */
 };
 
-/** What the eye sees of them, whatever the light. Finite for finite input, even a hostile one. */
+/** Their shares of reflection towards the eye, for any light. Finite for finite input, even a hostile one. */
 struct lw_gloss_seen16 {
     _Alignas(
-        64) float normal[3][LW_GLOSS_WIDTH]; /* with its bump: the eye and what it mirrors lie above it */
+        64) float normal[3][LW_GLOSS_WIDTH]; /* bumped: the eye and the mirrored direction lie above it */
     float eye[3][LW_GLOSS_WIDTH];            /* unit */
     float cosine[LW_GLOSS_WIDTH], alpha[LW_GLOSS_WIDTH];
     float spread[LW_GLOSS_WIDTH]; /* the normals' within the pixel, alpha^2; widens the lobes of lamps */

@@ -1,7 +1,7 @@
 #include "client/view/shading/gloss_maps.h"
 
-#include "common/colour.h"
-#include "common/wide.h"
+#include "common/base/colour.h"
+#include "common/base/wide.h"
 
 #include <string.h>
 

@@ -10,7 +10,7 @@
 
 typedef float lw_gloss_float4 __attribute__((vector_size(16)));
 
-/** What a corner of a triangle has, or their mean at a hit. */
+/** Vectors of a triangle's corner, or their mean at a hit. */
 struct lw_gloss_corner {
     lw_gloss_float4 normal;  /* world space, any length; u of UV set 0 */
     lw_gloss_float4 tangent; /* where u of a normal map points, world space, any length; v of UV set 0 */
@@ -34,12 +34,12 @@ struct lw_gloss_uv16 {
     _Alignas(64) float u[2][LW_GLOSS_WIDTH], v[2][LW_GLOSS_WIDTH];
 };
 
-/** Zeroes *out but for what stands for no map, and sets plain, tangent and *uv by the means at the hits;
- * plain: times side, unit. */
+/** Sets *out to a surface without maps, and plain, tangent and *uv to the means at the hits. plain: times
+ * side, unit. */
 void lw_gloss_maps_begin(const struct lw_gloss_corner mean[LW_GLOSS_WIDTH], const float side[LW_GLOSS_WIDTH],
                          struct lw_gloss16 *out, struct lw_gloss_uv16 *uv);
 
-/** What of a finish is read. */
+/** Parts of a finish to read. */
 enum {
     LW_GLOSS_MAPS_BUMPS = 1, /* the mesh has tangents */
     LW_GLOSS_MAPS_BASE = 2   /* base, too, by the material alone: without vertex colours */

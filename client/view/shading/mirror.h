@@ -3,16 +3,16 @@
  * Threads: pure functions, [any].
  *
  * A surface sends one ray a sample, mirrored at a facet that is drawn from its lobe: over the samples of a
- * pixel the room is as blurred as the surface is rough. What the ray meets is read at a level that leaves out
- * what a part of the lobe blurs anyway. Rougher surfaces keep what gloss.h says by E and its direction;
+ * pixel the room is as blurred as the surface is rough. The light that the ray meets is read at a level whose
+ * texels are as wide as a part of the lobe. Rougher surfaces keep what gloss.h says by E and its direction;
  * between the two roughnesses the share of the ray falls.
  *
  * After: Walter et al. 2007 (facets of GGX). */
 #ifndef LW_CLIENT_VIEW_SHADING_MIRROR_H
 #define LW_CLIENT_VIEW_SHADING_MIRROR_H
 
+#include "common/base/random.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 
 #include <math.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "client/view/window/comparison.h"
 
 #include "client/paths/path_trace.h"
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <math.h>
 #include <omp.h>
@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The scene as it was when somebody asked: its materials and sky change while tiles are taken in. */
+/* The scene at the time of the request: its materials and sky change while tiles are taken in. */
 struct world {
     struct lw_scene scene; /* all but materials is that of the stage */
     struct lw_material *material;
@@ -58,7 +58,7 @@ static void destroy_world(struct world *w) {
     free(w);
 }
 
-/* What the client has now; rays and lights are built on the thread. */
+/* The client's current scene. Rays and lights are built on the thread. */
 static struct world *copy_world(const struct lw_stage *stage) {
     const struct lw_scene *scene = stage->scene;
     struct world *w = calloc(1, sizeof *w);

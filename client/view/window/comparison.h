@@ -18,7 +18,7 @@ LW_MUST_CHECK enum lw_status lw_comparison_create(unsigned threads, struct lw_co
 /** NULL is fine. Must be destroyed before the scene of its stage is. */
 void lw_comparison_destroy(struct lw_comparison *comparison);
 
-/** Sets the picture to trace; begins again where it differs from the last one.
+/** Sets the picture to trace. Another picture than the last one begins again.
  * changed   something in the scene is not as in the last call
  * width, height   of the traced picture, from 1 on
  * Errors: LW_NO_MEMORY; what the thread had no memory for. */

@@ -1,11 +1,11 @@
-/* overlay.h: what the window says: how far its picture is, and its keys.
+/* overlay.h: text of the window: progress of its picture, and its keys.
  * Flow:    client and composer's report -> [overlay] -> lines of text for the window
  * Threads: pure functions, [any]. */
 #ifndef LW_CLIENT_VIEW_WINDOW_OVERLAY_H
 #define LW_CLIENT_VIEW_WINDOW_OVERLAY_H
 
 #include "client/view/compose/compose.h"
-#include "common/waiting.h"
+#include "common/base/waiting.h"
 
 #define LW_OVERLAY_LINE_SIZE 64
 
@@ -21,7 +21,7 @@ struct lw_overlay_state {
     struct lw_compose_report report;
 };
 
-/** How far the picture is, in one line. While it sharpens: the share of the samples that a good picture
+/** Progress of the picture, in one line. While it sharpens: the share of the samples that a good picture
  * takes, once that says something: the estimate from the first few samples of any tile is an error near 100
  * %. */
 void lw_overlay_state(const struct lw_overlay_state *state, char out[LW_OVERLAY_LINE_SIZE]);

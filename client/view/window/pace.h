@@ -16,7 +16,7 @@ struct lw_pace {
 /** Takes in what a render cost. */
 void lw_pace_note(struct lw_pace *pace, uint64_t pixels, uint64_t ns);
 
-/** How much of a frame's time is left after that number of pixels; 0 while nothing is measured. */
+/** Time that a frame has left after a number of pixels; 0 while no cost is measured. */
 uint64_t lw_pace_spare_ns(const struct lw_pace *pace, uint64_t pixels);
 
 /** The largest size of the window's shape that renders in time; never more than the window's. */

@@ -4,7 +4,7 @@
 #ifndef LW_CLIENT_VIEW_WINDOW_PANEL_H
 #define LW_CLIENT_VIEW_WINDOW_PANEL_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stddef.h>
 #include <stdint.h>

@@ -1,6 +1,6 @@
 #include "client/view/window/picture.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <omp.h>
 #include <stdlib.h>

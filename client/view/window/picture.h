@@ -34,14 +34,15 @@ void lw_picture_init(struct lw_picture *picture, enum lw_tonemap_curve curve, bo
                      unsigned threads);
 void lw_picture_finish(struct lw_picture *picture);
 
-/** Makes room for a window's pixels; the old picture is gone. Errors: LW_NO_MEMORY; the picture then
+/** Makes room for a window's pixels. The old picture is lost. Errors: LW_NO_MEMORY; the picture then
  * stays. */
 LW_MUST_CHECK enum lw_status lw_picture_resize(struct lw_picture *picture, uint32_t width, uint32_t height,
                                                struct lw_error *err);
 
 /** Renders one more sample of each pixel, or the first if the view, the light or the size is another.
  * fresh         something changed: start again
- * edge_time_ns  about how long more samples at the first one's edges may take; two at least, or none */
+ * edge_time_ns about the time for more samples at the edges of the first picture; at least two samples, or
+ * none */
 void lw_picture_render(struct lw_picture *picture, struct lw_stage *stage,
                        const struct lw_camera_view *camera, uint32_t width, uint32_t height, bool fresh,
                        uint64_t edge_time_ns);

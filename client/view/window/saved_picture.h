@@ -4,7 +4,7 @@
 #define LW_CLIENT_VIEW_WINDOW_SAVED_PICTURE_H
 
 #include "client/view/tonemap.h"
-#include "common/status.h"
+#include "common/base/status.h"
 
 #define LW_SAVED_PICTURE_NAME_SIZE 64
 

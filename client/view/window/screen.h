@@ -6,7 +6,7 @@
 #define LW_CLIENT_VIEW_WINDOW_SCREEN_H
 
 #include "client/gl/gl_panel.h"
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <SDL.h>
 
@@ -31,17 +31,17 @@ LW_MUST_CHECK enum lw_status lw_screen_open(struct lw_screen *screen, const char
 /** A zeroed one is fine. Objects made in its context must be gone by then. */
 void lw_screen_close(struct lw_screen *screen);
 
-/** Calls somebody when the X server has gone, before the program ends with exit code 69: Xlib does not go on
- * without it. Other window systems tell by errors. */
+/** Sets a function that is called when the X server has gone, before the program ends with exit code 69, as
+ * Xlib cannot go on. Other window systems report it by errors. */
 void lw_screen_watch(struct lw_screen *screen, void (*lost)(void *context), void *context);
 
-/** Pixels of the window; false where it has none now. */
+/** Size of the window in pixels. Returns false where it has none at present. */
 bool lw_screen_size(const struct lw_screen *screen, int *out_width, int *out_height);
 
 /** Height of the window in the system's own units, of which there are fewer than pixels on dense screens. */
 int lw_screen_points(const struct lw_screen *screen);
 
-/** Makes room for the CPU's pictures of the window's size; with OpenGL there is nothing to do. Errors:
+/** Makes room for the CPU's pictures of the window's size. With OpenGL it does nothing. Errors:
  * LW_OS. */
 LW_MUST_CHECK enum lw_status lw_screen_resize(struct lw_screen *screen, int width, int height,
                                               struct lw_error *err);
@@ -49,9 +49,9 @@ LW_MUST_CHECK enum lw_status lw_screen_resize(struct lw_screen *screen, int widt
 /** A plain background. */
 void lw_screen_clear(struct lw_screen *screen);
 
-/** Takes a picture of the CPU, RGBA bytes; without OpenGL alone. */
+/** Takes a picture of the CPU, RGBA bytes. Only without OpenGL. */
 void lw_screen_take(struct lw_screen *screen, const uint32_t *rgba, uint32_t width, uint32_t height);
-/** Fills the window with that part of the last one. */
+/** Fills the window with the upper left part of the last picture. */
 void lw_screen_show(struct lw_screen *screen, uint32_t width, uint32_t height);
 
 /** Lays a panel of 0xAARRGGBB pixels over the window's picture. */

@@ -1,7 +1,7 @@
 #include "client/view/window/seeker.h"
 
 #include "client/lib/package_cache.h"
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <pthread.h>
 #include <stdatomic.h>

@@ -5,8 +5,8 @@
 
 #include "client/lib/client.h"
 
-/* How long a client takes messages in at a time: a window's picture has little more than 16 ms, and a fourth
- * of that is what tiles may take (bench_take). */
+/* Time that a client takes in messages before the window draws again. A picture of 60 a second has 16 ms, and
+ * tiles may take a fourth of it (bench_take). */
 #define LW_SEEKER_BUDGET_NS 2000000u
 
 struct lw_seeker;

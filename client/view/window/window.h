@@ -29,7 +29,7 @@ void lw_window_destroy(struct lw_window *window);
  * Errors: as lw_window_run(). */
 LW_MUST_CHECK enum lw_status lw_window_step(struct lw_window *window, struct lw_error *err);
 
-/** How things are. */
+/** State of a window. */
 struct lw_window_state {
     bool quit;   /* the user wants to leave */
     bool staged; /* there is a scene to look at */

@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/foreign/foreign_animation.h"
 #include "server/import/foreign/foreign_text.h"
 #include "server/import/guard.h"
@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* What a file may cost, by its size: text of a few bytes becomes a vertex of many, and Assimp holds it
+/* Limit of a file's memory, by its size: text of a few bytes becomes a vertex of many, and Assimp holds it
  * several times. */
 #define MEMORY_BASE     (2ull << 30) /* bytes */
 #define MEMORY_PER_BYTE 100ull
@@ -25,8 +25,7 @@
 
 /* ---- Assimp ---- */
 
-/* What Assimp says is English for its developers, in several lines at worst: it comes behind our own
- * words. */
+/* Assimp's messages are English for its developers, of several lines at worst. They follow our own text. */
 static enum lw_status fail_by_assimp(const struct lw_foreign_import *import, struct lw_error *err) {
     char text[300];
     const char *said = aiGetErrorString();
@@ -112,7 +111,7 @@ static bool axis(const struct aiMetadata *data, const char *name, float unit, fl
 }
 
 /* FBX says how many centimetres its unit is, and which of its axes point right, up and towards the viewer.
- * Assimp hands that on; with Collada it has applied it. */
+ * Assimp returns unit and axes. It has applied the ones of Collada. */
 static enum lw_status apply_fbx_axes(struct lw_foreign_import *import, struct lw_error *err) {
     const struct aiMetadata *data = import->ai->mMetaData;
     float centimetres = 1;

@@ -26,7 +26,7 @@ struct lw_foreign_desc {
     int failure_fd;          /* where the guard says why it ended the process; 0: stderr */
 };
 
-/** Errors: LW_NO_INPUT if the file cannot be opened; LW_BAD_DATA naming file and element; LW_NO_MEMORY. Where
+/** Errors: LW_NO_INPUT if the file cannot be opened; LW_BAD_DATA naming file and element; LW_NO_MEMORY. If
  * Assimp crashes or exceeds its limits, the process ends with one line (guard.h). */
 LW_MUST_CHECK enum lw_status lw_foreign_load(const struct lw_foreign_desc *desc, struct lw_scene **out_scene,
                                              struct lw_error *err);

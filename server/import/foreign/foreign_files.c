@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign_files.h"
 
-#include "common/file_read.h"
+#include "common/base/file_read.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

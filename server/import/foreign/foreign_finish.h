@@ -1,7 +1,7 @@
 /* foreign_finish.h: what a material of OBJ, FBX or Collada says of gloss and relief, as a finish.
  * Threads: one set of pictures belongs to one import.
  *
- * Which materials stay matt: docs/importing_finish.md. */
+ * docs/importing_finish.md says which materials stay matt. */
 #ifndef LW_IMPORT_FOREIGN_FOREIGN_FINISH_H
 #define LW_IMPORT_FOREIGN_FOREIGN_FINISH_H
 

@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign_import.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <string.h>
 

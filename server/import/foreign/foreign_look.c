@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign_look.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #include <assimp/material.h>
 #include <math.h>

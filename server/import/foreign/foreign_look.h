@@ -34,7 +34,7 @@ struct lw_foreign_look {
     float exponent;             /* for Phong's highlight; below 0: not said */
     struct lw_foreign_map metalness_map, roughness_map, occlusion_map, relief_map;
     float relief;   /* factor of the heights, or of the slopes of normals */
-    bool is_normal; /* the relief map: of normals; else its picture tells */
+    bool is_normal; /* the relief map is of normals; else the picture decides */
 };
 
 /** The look of a material of Assimp's. Errors: LW_BAD_DATA: a texture's transform is not finite. */

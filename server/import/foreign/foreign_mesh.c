@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign_mesh.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "server/import/mesh/mesh_sides.h"
 
 #include <stdlib.h>
@@ -84,7 +84,7 @@ static struct lw_vec3 unit_or_none(const struct aiVector3D *n) {
                    (float)((double)n->z / length));
 }
 
-/* What Assimp gives the facets of an STL that have no colour beside some that have one. A colour of the file
+/* Assimp's colour for facets of an STL without a colour beside facets with one. A colour of the file
  * is a multiple of 1/31. */
 static bool is_stl_default(const struct lw_foreign_import *import, const struct aiColor4D *c) {
     const float grey = 0.6f;

@@ -1,8 +1,8 @@
 #include "server/import/foreign/foreign_picture.h"
 
-#include "common/colour.h"
-#include "common/file_read.h"
-#include "common/log.h"
+#include "common/base/colour.h"
+#include "common/base/file_read.h"
+#include "common/base/log.h"
 #include "server/import/beside.h"
 #include "server/import/mesh/mesh_builder.h"
 

@@ -41,7 +41,8 @@ struct lw_foreign_picture *lw_foreign_pictures_find(struct lw_foreign_pictures *
 /** A new one. */
 LW_MUST_CHECK enum lw_status lw_foreign_pictures_add(struct lw_foreign_pictures *pictures, const char *key,
                                                      struct lw_foreign_picture **out, struct lw_error *err);
-/** Texels of the scene's for its size, counted. Errors: LW_BAD_DATA: past a limit; LW_NO_MEMORY. */
+/** Allocates texels of its size, and counts them as the scene's. Errors: LW_BAD_DATA: past a limit;
+ * LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_foreign_pictures_texels(struct lw_foreign_pictures *pictures,
                                                         struct lw_foreign_picture *picture, uint8_t **out,
                                                         struct lw_error *err);

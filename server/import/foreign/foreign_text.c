@@ -1,6 +1,6 @@
 #include "server/import/foreign/foreign_text.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/text/collada_text.h"
 #include "server/import/text/ply_header.h"
 

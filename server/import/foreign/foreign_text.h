@@ -1,5 +1,5 @@
-/* foreign_text.h: makes text of a scene plain before Assimp reads it: what it stumbles over, loses or
- * guesses is mended, or named (docs/importing_other.md).
+/* foreign_text.h: makes text of a scene plain before Assimp reads it. Text that Assimp would refuse, lose or
+ * guess is mended or reported (docs/importing_other.md).
  * Flow:    foreign_files -> [foreign_text] -> bytes for Assimp
  * Threads: one import at a time. */
 #ifndef LW_IMPORT_FOREIGN_FOREIGN_TEXT_H

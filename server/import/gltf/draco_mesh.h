@@ -1,12 +1,12 @@
 /* draco_mesh.h: a mesh of triangles from a Draco stream. The one place that sees C++.
  * Flow:    stream -> [libdraco] -> indices and attributes -> accessors of a primitive
  * Threads: [any].
- * The stream's header says how much it holds; that is held against the caller's bounds before libdraco, which
- * trusts it, allocates by it. */
+ * The stream's header has the counts of its contents. They are compared with the caller's bounds before
+ * libdraco allocates by them, since it trusts them. */
 #ifndef LW_IMPORT_GLTF_DRACO_MESH_H
 #define LW_IMPORT_GLTF_DRACO_MESH_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,7 +1,7 @@
 #include "server/import/gltf/gltf.h"
 
-#include "common/file_read.h"
-#include "common/log.h"
+#include "common/base/file_read.h"
+#include "common/base/log.h"
 #include "server/import/gltf/gltf_animation.h"
 #include "server/import/gltf/gltf_image_light.h"
 #include "server/import/gltf/gltf_node.h"

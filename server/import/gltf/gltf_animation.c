@@ -193,7 +193,7 @@ static enum lw_status read_pointer_target(struct conversion *conversion, const j
     return LW_OK;
 }
 
-/* Which node and path a channel moves, or which light of the document. *out_use is false if the channel is to
+/* Target of a channel: node and path, or a light of the document. *out_use is false if the channel is to
  * be left out. */
 static enum lw_status read_target(struct conversion *conversion, const json_t *object,
                                   struct lw_channel *channel, bool *out_use, struct lw_error *err) {

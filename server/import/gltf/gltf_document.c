@@ -1,7 +1,7 @@
 #include "server/import/gltf/gltf_document.h"
 
-#include "common/file_read.h"
-#include "common/log.h"
+#include "common/base/file_read.h"
+#include "common/base/log.h"
 #include "server/import/gltf/gltf_meshopt.h"
 
 #include <errno.h>

@@ -1,6 +1,6 @@
 #include "server/import/gltf/gltf_finish.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/images/finish_texels.h"
 #include "server/import/mesh/mesh_builder.h"
 
@@ -257,7 +257,7 @@ static enum lw_status read_glossy(struct reader *r, const json_t *extension, boo
 
 /* ---- the whole ---- */
 
-/* What a material says of gloss. */
+/* A material's statements of gloss. */
 struct said {
     const json_t *pbr, *glossy, *specular, *ior;
     bool metal, gloss; /* by the core fields; by specular-glossiness */

@@ -1,7 +1,7 @@
 /* gltf_finish.h: what a glTF material says of gloss, relief and occlusion, as a finish.
  * Threads: one set belongs to one document.
  *
- * Which materials stay matt, and what becomes of each field: docs/importing_finish.md. */
+ * docs/importing_finish.md says which materials stay matt, and how each field is read. */
 #ifndef LW_IMPORT_GLTF_GLTF_FINISH_H
 #define LW_IMPORT_GLTF_GLTF_FINISH_H
 

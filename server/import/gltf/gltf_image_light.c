@@ -1,6 +1,6 @@
 #include "server/import/gltf/gltf_image_light.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 
 #define NAME  "EXT_lights_image_based"
 #define FACES 6u

@@ -10,8 +10,8 @@
 
 #include "server/import/gltf/gltf_material.h"
 
-/** Fills the scene's environment if its default scene has an image-based light. Pictures that cannot be read
- * are reported, and there is none.
+/** Fills the scene's environment if its default scene has an image-based light. With pictures that cannot be
+ * read there is no environment, and a warning.
  * Errors: LW_BAD_DATA naming the field; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gltf_image_light_convert(struct lw_gltf_document *document,
                                                          struct lw_gltf_materials *materials,

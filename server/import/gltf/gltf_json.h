@@ -5,7 +5,7 @@
 #ifndef LW_IMPORT_GLTF_GLTF_JSON_H
 #define LW_IMPORT_GLTF_GLTF_JSON_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <jansson.h>
 #include <stdint.h>
@@ -20,7 +20,7 @@ LW_MUST_CHECK enum lw_status lw_gltf_json_string(const json_t *object, const cha
                                                  struct lw_error *err);
 LW_MUST_CHECK enum lw_status lw_gltf_json_flag(const json_t *object, const char *key, bool *out,
                                                struct lw_error *err);
-/** Whether a value is an integer that is not negative; 48.0 is one, as some exporters write it. NULL is
+/** Whether a value is an integer of 0 or more. 48.0 is one, since some exporters write it. NULL is
  * not. */
 LW_MUST_CHECK bool lw_gltf_json_whole(const json_t *value, uint64_t *out);
 /** An integer within [min, max], as lw_gltf_json_whole() takes it. */

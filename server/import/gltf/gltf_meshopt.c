@@ -31,7 +31,7 @@ static unsigned find_name(const char *const *names, unsigned count, const char *
     return i;
 }
 
-/* What the extension demands of strides and counts, and the decoders assert. */
+/* The extension's rules for strides and counts, which the decoders assert. */
 static enum lw_status check_layout(const struct stream *stream, uint64_t size, struct lw_error *err) {
     if (stream->mode == MODE_ATTRIBUTES ? stream->stride % 4 != 0
                                         : stream->stride != 2 && stream->stride != 4)

@@ -290,7 +290,7 @@ static enum lw_status add_skin(struct conversion *conversion, uint32_t skin, con
     return status;
 }
 
-/* What a node says of its mesh. Values stay where it says nothing. */
+/* A node's statements of its mesh. Values stay where it says nothing. */
 static enum lw_status read_look(const struct lw_gltf_document *document, const json_t *object, uint32_t *mesh,
                                 uint32_t *skin, struct lw_gltf_look *look,
                                 struct lw_gltf_instances *instances, struct lw_error *err) {

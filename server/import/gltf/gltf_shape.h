@@ -7,7 +7,7 @@
 #include "server/import/gltf/gltf_accessor.h"
 #include "server/import/gltf/gltf_skin.h"
 
-/* How one node shows a mesh; zero: as the mesh itself says. */
+/* Shape of a mesh at one node; zeroed: the mesh's own. */
 struct lw_gltf_look {
     const json_t *weights; /* the node's; NULL: the mesh's count */
     const struct lw_gltf_skin *skin;

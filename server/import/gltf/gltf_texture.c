@@ -1,6 +1,6 @@
 #include "server/import/gltf/gltf_texture.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 #include "server/import/images/finish_texels.h"
 #include "server/import/images/image_file.h"
 

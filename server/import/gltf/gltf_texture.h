@@ -51,7 +51,7 @@ LW_MUST_CHECK enum lw_status lw_gltf_textures_info(struct lw_gltf_textures *text
                                                    const char *key, struct lw_gltf_texture_info *out,
                                                    struct lw_error *err);
 
-/** How a texture of the document is sampled: its wraps and name. *out_image: LW_SCENE_NONE: there is none
+/** Sampler of a texture of the document: its wraps and name. *out_image: LW_SCENE_NONE: there is none
  * that is read, and a warning says so. */
 LW_MUST_CHECK enum lw_status lw_gltf_textures_sampler(struct lw_gltf_textures *textures, uint32_t index,
                                                       struct lw_texture *out, uint32_t *out_image,

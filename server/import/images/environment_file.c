@@ -1,7 +1,7 @@
 #include "server/import/images/environment_file.h"
 
+#include "common/base/log.h"
 #include "common/image/image.h"
-#include "common/log.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -26,7 +26,7 @@ static void clean_all(float *rgb, size_t count, const char *path) {
                path, changed, count);
 }
 
-/* What one target texel covers of a row or column of source texels. */
+/* Source texels of a row or column that one target texel covers. */
 struct span {
     uint32_t first, last; /* last one included */
     double from, to;      /* in source texels */

@@ -6,7 +6,7 @@
 
 #include "common/scene/scene.h"
 
-/* What an infinite texel is read as: a half float that overflowed. */
+/* Value of an infinite texel: a half float that overflowed. */
 #define LW_ENVIRONMENT_FILE_HALF_MAX 65504.0f
 
 /** Reads R, G, B of an EXR as radiance, W/(m^2 sr); row 0 is up, the middle of the picture is +X (struct

@@ -13,8 +13,9 @@ bool lw_finish_texels_opaque(const uint8_t *rgba, size_t texels);
 /** Sets all alphas to 255. */
 void lw_finish_texels_cover(uint8_t *rgba, size_t texels);
 
-/** A normal map of a file becomes LW_CONTENT_NORMAL, in place: normals are made unit. Where z is negative it
- * follows from x and y; a texel of no length, or black, becomes even. Returns the number of both. */
+/** A normal map of a file becomes LW_CONTENT_NORMAL, in place: normals are made unit. A negative z is
+ * replaced by the one that follows from x and y. A texel of no length, or black, becomes even. Returns the
+ * number of both. */
 size_t lw_finish_texels_normal(uint8_t *rgba, size_t texels);
 
 /** Whether a picture holds normals, not heights: it is blue, and in its mean even. */

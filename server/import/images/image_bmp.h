@@ -5,7 +5,7 @@
 #ifndef LW_IMPORT_IMAGES_IMAGE_BMP_H
 #define LW_IMPORT_IMAGES_IMAGE_BMP_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

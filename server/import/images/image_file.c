@@ -250,7 +250,7 @@ static bool run_bmp(struct decoder *decoder) {
 
 /* ---- all ---- */
 
-/* What the first bytes say; NULL: none of these. */
+/* Format by the first bytes; NULL: none of these. */
 static bool (*find_format(const uint8_t *bytes, size_t size))(struct decoder *decoder) {
     static const uint8_t jpeg_magic[3] = {0xff, 0xd8, 0xff};
     if (size >= 8 && png_sig_cmp(bytes, 0, 8) == 0) return run_png;

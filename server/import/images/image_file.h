@@ -26,7 +26,7 @@
 LW_MUST_CHECK enum lw_status lw_image_file_size(const uint8_t *bytes, size_t size, uint32_t *out_width,
                                                 uint32_t *out_height, struct lw_error *err);
 
-/** What images of one scene may take, and have taken so far. limit 0: LW_IMAGE_FILE_TEXELS. */
+/** Memory that images of one scene may take, and have taken so far. limit 0: LW_IMAGE_FILE_TEXELS. */
 struct lw_image_file_budget {
     uint64_t limit, used; /* texels */
 };

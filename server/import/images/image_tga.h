@@ -4,7 +4,7 @@
 #ifndef LW_IMPORT_IMAGES_IMAGE_TGA_H
 #define LW_IMPORT_IMAGES_IMAGE_TGA_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

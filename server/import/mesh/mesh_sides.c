@@ -1,6 +1,6 @@
 #include "server/import/mesh/mesh_sides.h"
 
-#include "common/union_find.h"
+#include "common/base/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>

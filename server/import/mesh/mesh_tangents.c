@@ -11,7 +11,7 @@
 #define TABLE_SIZE_MIN 1024u
 #define W_SLACK        0.1f /* for the file's w, which may be a byte */
 
-/* What corners must have alike to share a tangent. All members have 4 bytes: equal bytes are equal keys. */
+/* Properties that corners with one tangent share. All members have 4 bytes: equal bytes are equal keys. */
 struct key {
     struct lw_vec3 position, normal;
     struct lw_vec2 uv; /* the normal map's, v up */

@@ -9,8 +9,8 @@
  * laid into the plane of the normal, weighted by their angles. The angular threshold is 180 degrees. Texture
  * coordinates are those of the normal map: its set, after its transform.
  *
- * A triangle that has no area in its picture takes the tangent of the group that it lies beside; one that
- * lies beside none has any. Surfaces without texture coordinates have no tangents. */
+ * A triangle without area in its picture takes the tangent of the group beside it. Without a group beside it,
+ * any tangent holds. Surfaces without texture coordinates have no tangents. */
 #ifndef LW_IMPORT_MESH_MESH_TANGENTS_H
 #define LW_IMPORT_MESH_MESH_TANGENTS_H
 

@@ -9,7 +9,7 @@
 
 /* Assimp takes no exponent for one that is soft. This one gives it an edge of width 0. */
 #define HARD "<falloff_exponent>1e9</falloff_exponent>"
-/* Its field of view is none, which we tell. */
+/* It has no valid field of view, which is reported. */
 #define NO_CAMERA   "<perspective><xfov>0</xfov></perspective>"
 #define NAME        " name=\"camera\""
 #define HALF_DEGREE 0.008726646259971648 /* radians */

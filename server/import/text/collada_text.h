@@ -6,7 +6,7 @@
 #ifndef LW_IMPORT_TEXT_COLLADA_TEXT_H
 #define LW_IMPORT_TEXT_COLLADA_TEXT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -74,7 +74,7 @@ static void read_material_colour(struct reader *reader, const struct statement *
         reader->material->has_colour[statement->which] = true;
 }
 
-/* Light that passes keeps its colour here: white says what we do. */
+/* White changes nothing: light that passes keeps its colour here. */
 static void read_filter(struct reader *reader, const struct statement *statement) {
     float c[3];
     if (read_colour(reader, statement, c) && (c[0] != 1 || c[1] != 1 || c[2] != 1))

@@ -1,4 +1,5 @@
-/* mtl_file.h: reads a material library of OBJ. Which statements are read or named: docs/importing_other.md.
+/* mtl_file.h: reads a material library of OBJ. docs/importing_other.md says which statements are read or
+ * reported.
  * Flow:    bytes of the library -> [mtl_file] -> obj_materials
  * Threads: a library belongs to one import. */
 #ifndef LW_IMPORT_TEXT_MTL_FILE_H
@@ -32,7 +33,7 @@ struct lw_mtl_map {
 struct lw_mtl_material {
     bool has_colour[LW_MTL_COLOURS], has_opacity, has_number[LW_MTL_NUMBERS];
     float number[LW_MTL_NUMBERS];    /* as they stand there */
-    float colour[LW_MTL_COLOURS][3]; /* as they stand there: not checked but for being numbers */
+    float colour[LW_MTL_COLOURS][3]; /* the file's values, of which only the syntax is checked */
     float opacity;
     struct lw_mtl_map map[LW_MTL_MAPS];
 };

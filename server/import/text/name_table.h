@@ -3,7 +3,7 @@
 #ifndef LW_IMPORT_TEXT_NAME_TABLE_H
 #define LW_IMPORT_TEXT_NAME_TABLE_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -1,7 +1,7 @@
 #include "server/import/text/obj_materials.h"
 
-#include "common/file_read.h"
-#include "common/log.h"
+#include "common/base/file_read.h"
+#include "common/base/log.h"
 #include "server/import/beside.h"
 #include "server/import/mesh/mesh_builder.h"
 #include "server/import/tally.h"

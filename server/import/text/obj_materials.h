@@ -1,5 +1,5 @@
 /* obj_materials.h: the materials that an OBJ uses, from the libraries that it names. All libraries are read
- * before a material is looked for: where mtllib stands in the file does not count.
+ * before any material is searched, so mtllib may stand anywhere in the file.
  * Flow:    names of obj_text -> [obj_materials] -> foreign_look
  * Threads: a set belongs to one import. */
 #ifndef LW_IMPORT_TEXT_OBJ_MATERIALS_H
@@ -12,7 +12,7 @@
 #define LW_OBJ_MATERIALS_NAMES_MAX     1000u       /* names that are looked for */
 #define LW_OBJ_MATERIALS_SIZE_MAX      (64u << 20) /* bytes of a library */
 
-/** Where the libraries are looked for (beside.h). */
+/** Folder of the libraries (beside.h). */
 struct lw_obj_materials_desc {
     const char *path;   /* the scene's, for warnings */
     const char *folder; /* the scene's */

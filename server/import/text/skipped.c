@@ -1,6 +1,6 @@
 #include "server/import/text/skipped.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <stdio.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 #include "server/serve/admission/address_places.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <netinet/in.h>
 #include <stdlib.h>

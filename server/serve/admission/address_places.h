@@ -4,13 +4,13 @@
 #ifndef LW_SERVE_ADMISSION_ADDRESS_PLACES_H
 #define LW_SERVE_ADMISSION_ADDRESS_PLACES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 #include <sys/socket.h>
 
-/** Who counts as one: an IPv4 address, or the 64 bits of an IPv6 address that a network
- * has. Loopback is told apart. */
+/** Peers with one IPv4 address count as one, and peers with one IPv6 network (64 bits). Loopback is
+ * known as such. */
 struct lw_address {
     uint8_t bytes[16];
     bool is_loopback; /* 127.0.0.0/8, ::1, and the former as ::ffff:127.0.0.0/104 */
@@ -38,7 +38,8 @@ LW_MUST_CHECK enum lw_status lw_address_places_take(struct lw_address_places *pl
 void lw_address_places_give(struct lw_address_places *places, const struct lw_address *address);
 void lw_address_places_finish(struct lw_address_places *places);
 
-/** How many of `all` places one address may take: a tenth, the own machine all but a tenth; at least one. */
+/** Places, of `all`, that one address may take: a tenth of them, or nine tenths for this machine itself; at
+ * least one. */
 uint32_t lw_address_places_share(const struct lw_address *address, uint32_t all);
 
 #endif

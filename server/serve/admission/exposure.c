@@ -1,6 +1,6 @@
 #include "server/serve/admission/exposure.h"
 
-#include "common/log.h"
+#include "common/base/log.h"
 
 #include <netdb.h>
 #include <netinet/in.h>

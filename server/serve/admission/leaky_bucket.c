@@ -1,6 +1,6 @@
 #include "server/serve/admission/leaky_bucket.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 

@@ -3,7 +3,7 @@
 #ifndef LW_SERVE_ADMISSION_LEAKY_BUCKET_H
 #define LW_SERVE_ADMISSION_LEAKY_BUCKET_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #include <stdint.h>
 

@@ -63,8 +63,8 @@ bool lw_message_rates_count_other(struct lw_message_rates *rates, enum lw_messag
 /** Fills the buckets. Returns whether the next message still has to wait. */
 bool lw_message_rates_wait(struct lw_message_rates *rates, uint64_t now_ns);
 
-/** What the peer says too much of: "more than 20 PING a second"; NULL: it has not waited for so long, as far
- * as that is not made good by as much time without. Call a few times a second.
+/** Text of the peer's excess: "more than 20 PING a second". NULL: it has not had to wait that long. Time
+ * without excess makes up for time of waiting. Call a few times a second.
  * elapsed_ns  since the last call */
 const char *lw_message_rates_judge(struct lw_message_rates *rates, uint64_t elapsed_ns, uint64_t limit_ns);
 

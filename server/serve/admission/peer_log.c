@@ -1,7 +1,7 @@
 #include "server/serve/admission/peer_log.h"
 
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 
 #include <inttypes.h>
 #include <stdio.h>

@@ -21,11 +21,11 @@
 #define LW_SERVER_TURN_READ        (16u << 10) /* bytes */
 #define LW_SERVER_TURN_MESSAGES    256u
 #define LW_SERVER_TURN_FRAMES_READ (2u << 10) /* bytes of a WebSocket, in which there may be 340 frames */
-/* Of all peers: connections that are taken at a port, more of them in the next turn. What libwebsockets does
- * has no budget of time: there it is the number of handshakes. */
+/* Connections of all peers that are accepted at a port in a turn. The rest wait for the next turn.
+ * libwebsockets has no budget of time, so its handshakes are counted. */
 #define LW_SERVER_TURN_CONNECTIONS       32u
 #define LW_SERVER_TURN_HTTPS_CONNECTIONS 4u
-/* Of all peers: time that TLS handshakes take in a turn; the others go on in the next one. */
+/* Time that TLS handshakes of all peers take in a turn. The remaining ones go on in the next turn. */
 #define LW_SERVER_HANDSHAKES_MS 2u
 /* Bytes of a peer that the system keeps until they are read. By themselves they grow to megabytes. */
 #define LW_SERVER_RECEIVE_SIZE (128u << 10)
@@ -39,7 +39,7 @@
 #define LW_SERVER_DROPPED_MAX        (64u << 10) /* bytes */
 #define LW_SERVER_DROPPED_FRAMES_MAX 64u
 #define LW_SERVER_LINGER_S           1u  /* from its refusal to the close, unless it was slow to read */
-#define LW_SERVER_EXCESS_TIMEOUT_S   10u /* during which it says too much (message_rates.h) */
+#define LW_SERVER_EXCESS_TIMEOUT_S   10u /* time with too many messages (message_rates.h) */
 #define LW_SERVER_SILENCE_S          60u /* during which it says nothing; it is pinged after half of it */
 
 /* Bytes that wait per session before tiles are held back. The newest state of a tile is chosen when there is

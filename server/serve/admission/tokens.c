@@ -1,7 +1,7 @@
 #include "server/serve/admission/tokens.h"
 
-#include "common/invariant.h"
-#include "common/secret_file.h"
+#include "common/base/invariant.h"
+#include "common/base/secret_file.h"
 
 #include <openssl/crypto.h>
 #include <stdlib.h>

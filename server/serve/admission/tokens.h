@@ -7,7 +7,7 @@
 #ifndef LW_SERVE_ADMISSION_TOKENS_H
 #define LW_SERVE_ADMISSION_TOKENS_H
 
-#include "common/token.h"
+#include "common/base/token.h"
 
 #define LW_TOKENS_MAX      1024u
 #define LW_TOKENS_FILE_MAX (256u << 10) /* bytes */
@@ -36,7 +36,7 @@ LW_MUST_CHECK enum lw_status lw_tokens_parse(const char *text, size_t size, stru
 LW_MUST_CHECK enum lw_status lw_tokens_read(const char *path, struct lw_tokens **out_tokens,
                                             struct lw_error *err);
 
-/** What a token allows. token: LW_TOKEN_SIZE bytes, or NULL: none. Takes the same time for every token. */
+/** Role of a token. token: LW_TOKEN_SIZE bytes, or NULL: none. Takes the same time for every token. */
 enum lw_tokens_role lw_tokens_role(const struct lw_tokens *tokens, const uint8_t *token);
 
 /** Overwrites and frees. NULL is fine. */

@@ -13,7 +13,7 @@ extern const double lw_durations_bound_s[LW_DURATIONS_BOUNDS];
 
 /** Zero-initialise. */
 struct lw_durations {
-    uint64_t count[LW_DURATIONS_BOUNDS + 1]; /* by bucket; the last one: over the last bound */
+    uint64_t count[LW_DURATIONS_BOUNDS + 1]; /* by bucket; the last bucket is above the last bound */
     uint64_t sum_ns;
 };
 

@@ -4,7 +4,7 @@
 #ifndef LW_SERVE_METRICS_EXPOSITION_H
 #define LW_SERVE_METRICS_EXPOSITION_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "server/serve/metrics/durations.h"
 
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* relay_tree.h: the relays below a server, as they report themselves: who feeds whom.
+/* relay_tree.h: the relays below a server, by their own reports, each with its feeder.
  * Flow:    REPORT of each relay's session -> [relay_tree] -> /metrics, STATS; REPORT to the server above
  * Threads: lw_relay_tree_get() [any], all else [loop]. */
 #ifndef LW_SERVE_METRICS_RELAY_TREE_H
@@ -21,7 +21,7 @@ struct lw_relay_tree_node {
 
 struct lw_session;
 
-/** What the sessions of relays have reported, together. */
+/** Sum of the reports of all relays. */
 struct lw_relay_tree {
     uv_mutex_t mutex; /* guards the fields below; held for a copy only */
     struct lw_relay_tree_node *node;
@@ -33,7 +33,7 @@ LW_MUST_CHECK enum lw_status lw_relay_tree_init(struct lw_relay_tree *tree);
 /** A zeroed one is fine. */
 void lw_relay_tree_finish(struct lw_relay_tree *tree);
 
-/** A name as reports have it: at most LW_MESSAGE_NAME_MAX characters, other ones than those of addresses as
+/** A name for reports: at most LW_MESSAGE_NAME_MAX characters. Characters that no address has become
  * underscores. */
 void lw_relay_tree_name(char dst[LW_MESSAGE_NAME_MAX + 1], const char *text);
 
@@ -48,7 +48,7 @@ size_t lw_relay_tree_write(const struct lw_relay_tree_node *node, uint32_t count
 /** A copy of what there is. capacity: LW_RELAY_TREE_MAX suffices. [any] */
 uint32_t lw_relay_tree_get(struct lw_relay_tree *tree, struct lw_relay_tree_node *out_node,
                            uint32_t capacity);
-/** Adds a line for each relay to a page of metrics. Where there is no memory the page stays as it is. */
+/** Adds a line for each relay to a page of metrics. Without memory the page stays as it is. */
 void lw_relay_tree_add_metrics(struct lw_relay_tree *tree, struct lw_server_page *page);
 
 #endif

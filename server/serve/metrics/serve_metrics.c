@@ -1,6 +1,6 @@
 #include "server/serve/metrics/serve_metrics.h"
 
-#include "common/clock.h"
+#include "common/base/clock.h"
 
 #include <dirent.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* serve_metrics.h: what every program that serves tells monitoring: its sessions and its process.
+/* serve_metrics.h: figures of every program that serves, for monitoring: its sessions and its process.
  * Flow:    the server's figures -> [serve_metrics] -> pages
  * Threads: one thread per text. */
 #ifndef LW_SERVE_METRICS_SERVE_METRICS_H

@@ -9,7 +9,7 @@ struct lw_server_stats {
     uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
     uint64_t sessions_drawing; /* sessions now that get LW_LIGHT_FORM_SPLIT */
     uint64_t loop_cpu_ns;      /* CPU time of the loop's thread; 0 before lw_server_run() */
-    /* In the last whole window of LW_SERVER_WINDOW_S with connections; 0 before there was one. */
+    /* In the last whole window of LW_SERVER_WINDOW_S with connections; 0 before the first. */
     uint64_t loop_lag_p99_ns, loop_lag_max_ns; /* how late the loop came to due work */
     uint64_t ack_p99_ns; /* from the moment the loop had a frame to a session's ACK of it */
     /* As of the last look, LW_SERVER_LOOKS_HZ times a second. */

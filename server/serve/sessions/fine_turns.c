@@ -1,6 +1,6 @@
 #include "server/serve/sessions/fine_turns.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/serve/sessions/session_private.h"
 
 #include <stdlib.h>

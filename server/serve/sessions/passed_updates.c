@@ -1,6 +1,6 @@
 #include "server/serve/sessions/passed_updates.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,8 +1,8 @@
 #include "server/serve/sessions/session.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 #include "server/serve/sessions/session_private.h"
 
 #include <inttypes.h>

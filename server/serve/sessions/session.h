@@ -5,9 +5,9 @@
 #ifndef LW_SERVE_SESSIONS_SESSION_H
 #define LW_SERVE_SESSIONS_SESSION_H
 
-#include "common/histogram.h"
+#include "common/base/histogram.h"
+#include "common/base/waiting.h"
 #include "common/scene/scene_roster.h"
-#include "common/waiting.h"
 #include "server/serve/admission/address_rates.h"
 #include "server/serve/admission/message_rates.h"
 #include "server/serve/admission/peer_log.h"

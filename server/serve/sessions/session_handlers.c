@@ -1,7 +1,7 @@
 #include "server/serve/sessions/session_handlers.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "server/serve/sessions/session_private.h"
 
 #include <inttypes.h>

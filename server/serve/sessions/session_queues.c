@@ -1,6 +1,6 @@
 #include "server/serve/sessions/session_private.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 void lw_session_queues_dequeue(struct lw_session *s) {
     struct lw_session_queue *queue = s->queue;

@@ -1,6 +1,6 @@
 #include "server/serve/sessions/session_private.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

@@ -55,11 +55,11 @@ void lw_deltas_finish(struct lw_deltas *deltas);
 /** A tile's new version, with its delta or without one. Versions without a way there are forgotten. */
 void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snapshot_tile *version);
 
-/** What there was of a tile is over: its id may be another tile's next, with smaller versions. */
+/** Ends the history of a tile, whose id may be given to another, with smaller versions. */
 void lw_deltas_forget(struct lw_deltas *deltas, uint32_t tile);
 
-/** What a session that has version `from` of a tile gets next, on the way to
- * the newest, for the fewest bytes.
+/** Next message for a session that has version `from` of a tile: on the way to the newest version, with the
+ * fewest bytes.
  * coarse     to that in wider steps; where there is no such form, or the transcoder has too
  *            much to do, to the newest itself
  * out_delta  written unless it has to wait */
@@ -69,7 +69,7 @@ enum lw_deltas_way lw_deltas_next(struct lw_deltas *deltas, uint32_t tile, uint6
 /** Asks the transcoder, if there is something to ask, for what lw_deltas_next() would wait for. */
 void lw_deltas_prepare(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse);
 
-/** Takes what the transcoder has done; whether that was anything. */
+/** Takes the finished tiles of the transcoder. Returns whether there were any. */
 bool lw_deltas_collect(struct lw_deltas *deltas);
 
 #endif

@@ -1,6 +1,6 @@
 #include "server/serve/tiles/fine_names.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 

@@ -1,6 +1,6 @@
 #include "server/serve/tiles/interest_union.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -41,8 +41,8 @@ void lw_interest_union_remove(struct lw_interest_union *interest_union, const ui
     }
 }
 
-/* Who looks at a tile of a finer level looks at that of level 0 below it, which is shown until the other has
- * light. */
+/* Interest in a tile of a finer level is interest in the tile of level 0 below it, which is shown until the
+ * finer tile has light. */
 static void cover_finer(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_levels) {
     out_levels[tile] = 1;
     out_levels[lw_atlas_map_below(map, (lw_tile_id){tile}).v] = 1;

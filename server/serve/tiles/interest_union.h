@@ -11,7 +11,7 @@ struct lw_interest_union {
     const struct lw_atlas_map *atlas_map;
     uint32_t everything; /* sessions that want every tile */
     uint32_t *count;     /* per lw_tile_id: sessions that want this one */
-    bool changed; /* somebody wants what nobody wanted, or the reverse, since this was last set to false */
+    bool changed; /* the union of the sessions' interest sets has changed since this was last set to false */
 };
 
 /** atlas_map outlives it. Errors: LW_NO_MEMORY. */
@@ -27,10 +27,10 @@ void lw_interest_union_remove_everything(struct lw_interest_union *wanted);
 void lw_interest_union_add(struct lw_interest_union *wanted, const uint32_t *tile, size_t count);
 void lw_interest_union_remove(struct lw_interest_union *wanted, const uint32_t *tile, size_t count);
 
-/** Lists what the solver is to look after, unless somebody wants everything.
+/** Lists the tiles for the solver, unless a session wants all tiles.
  *
- * out_levels  per lw_tile_id: 1 + the finest level from which somebody looks at what the tile covers, for
- *             tiles of level 0; else 0. A wanted tile of level k covers 2^k x 2^k of them. */
+ * out_levels  per lw_tile_id: 1 + the finest level of interest that covers the tile, for tiles of level 0;
+ * else 0. A wanted tile of level k covers 2^k x 2^k of them. */
 void lw_interest_union_levels(const struct lw_interest_union *wanted, uint8_t *out_levels);
 
 #endif

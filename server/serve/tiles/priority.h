@@ -1,4 +1,4 @@
-/* priority.h: in which order a session gets the tiles that it lacks: first those whose error shows most.
+/* priority.h: order in which a session gets the tiles that it lacks: by visible error, largest first.
  * Flow:    snapshots: how far each tile has moved -> [priority] -> order in which
  *          a session is sent what it lacks
  * Threads: [loop].
@@ -19,8 +19,8 @@
 #define LW_PRIORITY_LACKING 1.0f /* relative error of what stands in for a tile that a session never had */
 #define LW_PRIORITY_BINS    512u /* four to an octave */
 
-/* What stands in for finer tiles, and is not read beside them, need not be the newest: it is sent again when
- * it is so far off, or so old. */
+/* A tile that only stands in for finer tiles need not be the newest version. It is sent again when it differs
+ * by this much, or is this old. */
 #define LW_PRIORITY_STAND_IN_OFF    0.1f /* relative, root mean square */
 #define LW_PRIORITY_STAND_IN_FRAMES 16u
 
@@ -48,11 +48,10 @@ void lw_priority_finish(struct lw_priority *priority);
  * before; 0: not known, taken for 1. */
 void lw_priority_note(struct lw_priority *priority, uint32_t tile, uint64_t version, float change);
 
-/** What there was of a tile is over: its id may be another tile's next. */
+/** Ends the history of a tile, whose id may be given to another. */
 void lw_priority_forget(struct lw_priority *priority, uint32_t tile);
 
-/** How much it would help a session to be sent a tile, of which it has version `has`
- * (0: none), in its newest version.
+/** Priority of a tile's newest version for a session that has version `has` of it (0: none).
  * frame: the newest. An object's coarsest level counts more than all else, if it has none of it. */
 float lw_priority_of(const struct lw_priority *priority, uint32_t tile, uint64_t has, uint64_t frame);
 

@@ -1,6 +1,6 @@
 #include "server/serve/tiles/transcoder.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <pthread.h>

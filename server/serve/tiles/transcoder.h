@@ -33,7 +33,7 @@ struct lw_transcoder_job {
     struct lw_blob *to; /* the same of version `version` */
 };
 
-/** What came of it. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no
+/** Result. Its blobs are LW_MESSAGE_TILE, the collector's to unref; NULL where one would be no
  * smaller than `to`, or cannot be made. */
 struct lw_transcoder_result {
     uint32_t tile;
@@ -58,7 +58,7 @@ LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_tile_channel *
 /** Ends its thread; open requests are dropped. */
 void lw_transcoder_destroy(struct lw_transcoder *transcoder);
 
-/** How the tile `to` differs from `from`, its version `base`: LW_MESSAGE_TILE, the caller's to unref.
+/** Delta of the tile `to` over `from`, its version `base`: LW_MESSAGE_TILE, the caller's to unref.
  * from, to: LW_MESSAGE_TILE, no deltas. buffer: lw_tile_codec_bound() bytes, for the work. NULL where a delta
  * would be no smaller than `to`, or cannot be made: there are other ways to the version.
  * [any thread, with a codec of its own] */
@@ -69,7 +69,7 @@ struct lw_blob *lw_transcoder_encode_delta(struct lw_tile_codec *codec, const st
 /** Takes references of its own. False if there are LW_TRANSCODER_JOBS_MAX. */
 bool lw_transcoder_ask(struct lw_transcoder *transcoder, const struct lw_transcoder_job *job);
 
-/** The next one that is done, in the order of asking; false: none is. */
+/** Takes the next finished tile, in the order of requests. Returns false if none is finished. */
 bool lw_transcoder_collect(struct lw_transcoder *transcoder, struct lw_transcoder_result *out_result);
 
 #endif

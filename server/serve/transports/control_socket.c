@@ -1,6 +1,6 @@
 #include "server/serve/transports/control_socket.h"
 
-#include "common/control_path.h"
+#include "common/base/control_path.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -8,8 +8,8 @@
 
 #include <uv.h>
 
-/** Binds a pipe that is not listening yet. A socket that a dead server has left is replaced; only
- * this user can open the new one.
+/** Binds a pipe that is not listening yet. A dead server's socket is replaced. Only this user can open the
+ * new one.
  * path    or "auto": control_path.h chooses
  * Errors: LW_UNAVAILABLE: another server has it, or it cannot be made; naming the path */
 LW_MUST_CHECK enum lw_status lw_control_socket_bind(uv_pipe_t *pipe, const char *path, uint16_t port,

@@ -1,7 +1,7 @@
 #include "server/serve/transports/tcp_transport.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "server/serve/sessions/session_handlers.h"
 #include "server/serve/transports/control_socket.h"
 
@@ -58,7 +58,7 @@ struct link {
     struct lw_tls_stream *stream;
     struct lw_blob *held; /* what the session said before TLS was ready */
     uint64_t overhead;    /* bytes of TLS that were no messages, counted so far; */
-    uint64_t sealed;      /* all but messages that came: a record that is half there will be one */
+    uint64_t sealed;      /* bytes but those of messages so far; half a record counts as a message's */
 };
 
 /* ---- writing ---- */
@@ -119,7 +119,7 @@ static void on_tls_written(uv_write_t *request, int result) {
     if (of_session) lw_session_written(link->session, result, true);
 }
 
-/* What the link takes at once. An error is met again by who sends the rest. */
+/* Bytes that the link takes at once. An error is met again by who sends the rest. */
 static size_t take_output(void *context, const void *bytes, size_t size) {
     struct link *link = context;
     const uv_buf_t buffer = uv_buf_init((char *)bytes, (unsigned)size);
@@ -288,7 +288,7 @@ static void send_held(struct link *link) {
         lw_session_written(link->session, written < 0 ? written : 0, false);
 }
 
-/* What came first is no TLS. A message of ours in plain is answered so: its sender can read that. */
+/* The first bytes are no TLS. A message of ours in plain is answered so: its sender can read that. */
 static void refuse_plain(struct link *link) {
     link->tls = TLS_NONE;
     lw_tls_stream_destroy(link->stream);

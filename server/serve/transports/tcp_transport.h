@@ -9,8 +9,8 @@
 #include "server/serve/sessions/session.h"
 #include "server/serve/transports/tls_context.h"
 
-/** What all of a server's share. Zero-initialised, then the first ones are filled in by the owner, and
- * lw_tls_output_finish(&output) at the end. */
+/** State that all transports of a server share. Zero-initialised, then the first ones are filled in by the
+ * owner, and lw_tls_output_finish(&output) at the end. */
 struct lw_tcp_transport_shared {
     struct lw_session_shared *sessions;
     struct lw_tls_context *tls;               /* NULL: all of it is plain */
@@ -30,12 +30,12 @@ LW_MUST_CHECK enum lw_status lw_tcp_transport_accept(struct lw_tcp_transport_sha
 
 /** The peer at the other end. May control by a token alone. */
 struct lw_session_peer lw_tcp_transport_peer(int socket);
-/** What a connected socket that carries light should be set to. */
+/** Sets the options of a connected socket that carries light. */
 void lw_tcp_transport_set_options(int socket);
 /** Lets the system take what waits for it, LW_SERVER_QUEUE_MAX at least. */
 void lw_tcp_transport_push(int socket);
-/** Bytes that have come to it since it connected, and of these those that nobody has read. 0: the system does
- * not tell. */
+/** Bytes that have arrived since it connected, and the unread ones among them. 0: the system does not report
+ * it. */
 uint64_t lw_tcp_transport_came(int socket);
 size_t lw_tcp_transport_unread(int socket);
 /** Bytes in the socket that the peer's system has not taken. */

@@ -1,7 +1,7 @@
 #include "server/serve/transports/tls_context.h"
 
-#include "common/invariant.h"
-#include "common/secret_file.h"
+#include "common/base/invariant.h"
+#include "common/base/secret_file.h"
 #include "common/tls/tls_stream.h"
 
 #include <limits.h>
@@ -14,7 +14,7 @@
 
 #define FOLLOWERS_MAX 2u /* browsers, and monitoring */
 
-/* What the two files hold. */
+/* Contents of the two files. */
 struct identity {
     X509 *certificate;
     STACK_OF(X509) * issuers;

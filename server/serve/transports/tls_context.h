@@ -4,7 +4,7 @@
 #ifndef LW_SERVE_TRANSPORTS_TLS_CONTEXT_H
 #define LW_SERVE_TRANSPORTS_TLS_CONTEXT_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 
 #define LW_TLS_CONTEXT_FILE_MAX (1u << 20) /* bytes of a certificate with its issuers, or of a key */
 
@@ -23,7 +23,7 @@ LW_MUST_CHECK enum lw_status lw_tls_context_create(const struct lw_tls_context_d
 /** NULL is fine. */
 void lw_tls_context_destroy(struct lw_tls_context *context);
 
-/** Reads the files again: handshakes from now on show what they hold. Errors: as above; nothing changes. */
+/** Reads the files again. Later handshakes use their new contents. Errors: as above; nothing changes. */
 LW_MUST_CHECK enum lw_status lw_tls_context_reload(struct lw_tls_context *context, struct lw_error *err);
 
 /** For lw_tls_stream_create(). */

@@ -1,6 +1,6 @@
 #include "server/serve/transports/ws_transport.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/serve/sessions/session_handlers.h"
 #include "server/serve/transports/tcp_transport.h"
 
@@ -36,7 +36,7 @@ static struct lw_ws_transport *link_of(struct lw_session_transport *transport) {
 static int write_blobs(struct lw_session_transport *transport, struct lw_blob *const *blob, uint32_t count) {
     struct lw_ws_transport *link = link_of(transport);
     LW_INVARIANT(link->first == link->blob_count && count <= LW_SESSION_TRANSPORT_BLOBS);
-    LW_INVARIANT(!link->waiting); /* the session hears of it before it writes again */
+    LW_INVARIANT(!link->waiting); /* the session is notified before it writes again */
     memcpy(link->blob, blob, count * sizeof(struct lw_blob *));
     link->first = 0;
     link->blob_count = count;

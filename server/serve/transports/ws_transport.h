@@ -3,7 +3,8 @@
  * Flow:    web_server <-> [ws_transport] <-> session
  * Threads: everything here is [loop].
  *
- * A session here controls by its token alone: any page that a user of this machine looks at could try to. */
+ * A session by a WebSocket may control by its token only, since any page in a browser of this machine could
+ * open one. */
 #ifndef LW_SERVE_TRANSPORTS_WS_TRANSPORT_H
 #define LW_SERVE_TRANSPORTS_WS_TRANSPORT_H
 
@@ -16,7 +17,7 @@
 /* Codes in our Close (RFC 6455, 7.4.2: private ones are 4000 to 4999). */
 #define LW_WS_TRANSPORT_REFUSED 4000u /* plus the code of the REFUSAL */
 
-/** What all of a server's share. Filled in by the owner. */
+/** State that all transports of a server share. Filled in by the owner. */
 struct lw_ws_transport_shared {
     struct lw_session_shared *sessions;
     uint8_t

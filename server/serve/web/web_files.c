@@ -1,7 +1,7 @@
 #include "server/serve/web/web_files.h"
 
-#include "common/file_read.h"
-#include "common/invariant.h"
+#include "common/base/file_read.h"
+#include "common/base/invariant.h"
 #include "common/scene/package.h"
 
 #include <dirent.h>

@@ -10,7 +10,7 @@
 #ifndef LW_SERVE_WEB_WEB_FILES_H
 #define LW_SERVE_WEB_WEB_FILES_H
 
-#include "common/status.h"
+#include "common/base/status.h"
 #include "server/serve/web/content_coding.h"
 
 #include <stddef.h>
@@ -40,11 +40,11 @@ LW_MUST_CHECK enum lw_status lw_web_files_read(const char *folder, struct lw_web
                                                struct lw_error *err);
 void lw_web_files_finish(struct lw_web_files *files);
 
-/** The file at a URL's path, which is decoded; at a folder's, that ends with a slash, its
- * index.html. NULL: there is none. */
+/** File of a URL's decoded path. A path that ends with a slash is a folder's: its index.html. NULL if there
+ * is none. */
 const struct lw_web_file *lw_web_files_find(const struct lw_web_files *files, const char *path);
 
-/** Which codings a file has besides identity: bit 1 << coding. */
+/** Codings of a file besides identity: bit 1 << coding. */
 unsigned lw_web_files_codings(const struct lw_web_file *file);
 
 #endif

@@ -1,7 +1,7 @@
 #include "server/serve/web/web_server.h"
 
-#include "common/clock.h"
-#include "common/invariant.h"
+#include "common/base/clock.h"
+#include "common/base/invariant.h"
 #include "server/serve/transports/tcp_transport.h"
 #include "server/serve/transports/tls_context.h"
 #include "server/serve/transports/ws_transport.h"
@@ -71,7 +71,7 @@ static bool add_header(struct lws *wsi, uint8_t **at, uint8_t *end, const char *
                                        (int)strlen(value), at, end) == 0;
 }
 
-/* What a page of ours may do: nothing but our own files, our own WebSocket, and those of the other servers.
+/* Rights of a page of ours: our own files, our own WebSocket, and those of other servers.
  * The Host was looked at before. An IPv6 address is no source of a policy (CSP3, host-part): 'self' stands
  * for it, and for its WebSockets where the browser follows CSP3. */
 static bool add_policy(struct lws *wsi, const struct connection *c, uint8_t **at, uint8_t *end) {
@@ -260,7 +260,7 @@ static int refuse_plain(struct lws *wsi, struct connection *c) {
     return refuse(wsi, c, 400, "This server speaks TLS alone: its addresses begin with https.\n");
 }
 
-/* Who monitors says "Bearer TOKEN", with the digits of one. */
+/* A monitor sends "Bearer TOKEN", with the digits of a token. */
 static bool says_token(struct lws *wsi, const struct lw_session_shared *sessions) {
     static const char scheme[] = "Bearer ";
     char text[sizeof scheme + 2 * LW_TOKEN_SIZE];

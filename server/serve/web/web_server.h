@@ -21,7 +21,7 @@
 struct lw_web_server_desc {
     uv_loop_t *loop;
     struct lw_session_shared *sessions;
-    struct lw_tls_context *tls; /* HTTPS alone, by that; NULL: HTTP. Outlives it */
+    struct lw_tls_context *tls; /* certificates for HTTPS; NULL: HTTP. Outlives it */
     const char *root;           /* folder of the client's files */
     const char *host;           /* it listens on this host: a Host may name it */
     const char *hosts;          /* further names that a Host may have, by commas; NULL: none */
@@ -36,7 +36,7 @@ struct lw_web_server_desc {
 
 struct lw_web_server;
 
-/** Reads the client's files; where there are none a page says what to do.
+/** Reads the client's files. Without them a page says what to do.
  * Errors: as lw_web_files_read(); LW_OS: libwebsockets does not start. */
 LW_MUST_CHECK enum lw_status lw_web_server_create(const struct lw_web_server_desc *desc,
                                                   struct lw_web_server **out_server, struct lw_error *err);

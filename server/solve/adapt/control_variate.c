@@ -1,7 +1,7 @@
 #include "server/solve/adapt/control_variate.h"
 
-#include "common/colour.h"
-#include "common/invariant.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 #include "server/solve/adapt/correct.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/adapt/estimates.h"
 #include "server/solve/adapt/verify.h"

@@ -1,7 +1,7 @@
 #include "server/solve/adapt/gradient.h"
 
-#include "common/invariant.h"
-#include "common/random.h"
+#include "common/base/invariant.h"
+#include "common/base/random.h"
 #include "server/solve/state/tiles.h"
 
 #include <math.h>

@@ -1,6 +1,6 @@
 #include "server/solve/adapt/interest_set.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/solve/transport/ray_hit.h"
 
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "server/solve/adapt/motion.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 #include "server/solve/adapt/plan.h"
 
-#include "common/invariant.h"
-#include "common/random.h"
+#include "common/base/invariant.h"
+#include "common/base/random.h"
 #include "server/solve/adapt/interest_set.h"
 
 #include <float.h>

@@ -1,7 +1,7 @@
 #include "server/solve/adapt/plan_log.h"
 
-#include "common/invariant.h"
-#include "common/log.h"
+#include "common/base/invariant.h"
+#include "common/base/log.h"
 
 #include <errno.h>
 #include <inttypes.h>

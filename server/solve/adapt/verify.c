@@ -1,6 +1,6 @@
 #include "server/solve/adapt/verify.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/solve/adapt/control_variate.h"
 #include "server/solve/adapt/gradient.h"
 #include "server/solve/transport/bounces.h"

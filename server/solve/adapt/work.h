@@ -6,7 +6,7 @@
 #ifndef LW_ADAPT_WORK_H
 #define LW_ADAPT_WORK_H
 
-#include "common/progress.h"
+#include "common/base/progress.h"
 #include "server/solve/transport/transport.h"
 
 /* What work on an item reports. */

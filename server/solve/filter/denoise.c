@@ -1,8 +1,8 @@
 #include "server/solve/filter/denoise.h"
 
-#include "common/colour.h"
-#include "common/invariant.h"
-#include "common/wide.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 
 #include <omp.h>
 #include <stdlib.h>

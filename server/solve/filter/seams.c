@@ -1,8 +1,8 @@
 #include "server/solve/filter/seams.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/union_find.h"
 #include "common/tile/bilinear.h"
-#include "common/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "server/solve/radiosity/pair_visibility.h"
 
-#include "common/checked_file.h"
-#include "common/invariant.h"
+#include "common/base/checked_file.h"
+#include "common/base/invariant.h"
 #include "common/scene/package.h"
 
 #include <stdlib.h>

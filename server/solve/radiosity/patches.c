@@ -1,6 +1,6 @@
 #include "server/solve/radiosity/patches.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/solve/transport/ray_launch.h"
 
 #include <stdlib.h>

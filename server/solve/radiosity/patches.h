@@ -9,8 +9,8 @@
 #ifndef LW_RADIOSITY_PATCHES_H
 #define LW_RADIOSITY_PATCHES_H
 
+#include "common/base/points16.h"
 #include "common/light/lights.h"
-#include "common/points16.h"
 #include "server/solve/state/tiles.h"
 
 struct lw_patches_packet {

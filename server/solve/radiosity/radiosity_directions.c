@@ -1,8 +1,8 @@
 #include "server/solve/radiosity/radiosity_directions.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 #include "common/light/direction.h"
-#include "common/wide.h"
 
 #include <math.h>
 #include <stdlib.h>

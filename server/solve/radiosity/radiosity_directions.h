@@ -12,7 +12,7 @@
 #ifndef LW_RADIOSITY_RADIOSITY_DIRECTIONS_H
 #define LW_RADIOSITY_RADIOSITY_DIRECTIONS_H
 
-#include "common/progress.h"
+#include "common/base/progress.h"
 #include "server/solve/radiosity/patches.h"
 #include "server/solve/surface/wall_sides.h"
 

@@ -1,6 +1,6 @@
 #include "server/solve/radiosity/radiosity_pass.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "common/light/form16.h"
 
 #include <string.h>

@@ -13,7 +13,7 @@
 #ifndef LW_RADIOSITY_RADIOSITY_PASS_H
 #define LW_RADIOSITY_RADIOSITY_PASS_H
 
-#include "common/progress.h"
+#include "common/base/progress.h"
 #include "server/solve/radiosity/pair_visibility.h"
 
 struct lw_radiosity_pass {

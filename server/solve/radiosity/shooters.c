@@ -1,7 +1,7 @@
 #include "server/solve/radiosity/shooters.h"
 
-#include "common/invariant.h"
-#include "common/random.h"
+#include "common/base/invariant.h"
+#include "common/base/random.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 #include "server/solve/radiosity/virtual_lights.h"
 
-#include "common/colour.h"
-#include "common/invariant.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
 #include "common/light/direction.h"
 
 #include <stdlib.h>

@@ -1,6 +1,6 @@
 #include "server/solve/state/cells.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 static uint32_t cells_along(float extent, float size) {
     float n = ceilf(extent / size - 0.01f); /* the margin alone makes no cell */

@@ -5,8 +5,8 @@
 #ifndef LW_STATE_CELLS_H
 #define LW_STATE_CELLS_H
 
-#include "common/status.h"
-#include "common/vec.h"
+#include "common/base/status.h"
+#include "common/base/vec.h"
 
 #include <stdint.h>
 

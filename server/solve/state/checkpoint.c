@@ -1,7 +1,7 @@
 #include "server/solve/state/checkpoint.h"
 
-#include "common/checked_file.h"
-#include "common/invariant.h"
+#include "common/base/checked_file.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -6,7 +6,8 @@
  * The file belongs to one machine and one build: numbers lie as in memory. It holds a header with a version,
  * the caller's key (which scene, which options), which texels are covered, and the size. Then follow one
  * record per tile and per block, in the order of their ids, the planes of sums, the caller's own parts, and a
- * checksum (common/checked_file.h). The reader takes a file that fits in every respect, or nothing of it. */
+ * checksum (common/base/checked_file.h). The reader takes a file that fits in every respect, or nothing of
+ * it. */
 #ifndef LW_STATE_CHECKPOINT_H
 #define LW_STATE_CHECKPOINT_H
 

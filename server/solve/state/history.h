@@ -15,7 +15,7 @@
 #ifndef LW_STATE_HISTORY_H
 #define LW_STATE_HISTORY_H
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include <math.h>
 
 struct lw_history {

@@ -1,6 +1,6 @@
 #include "server/solve/state/tile_file.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <errno.h>
 #include <fcntl.h>

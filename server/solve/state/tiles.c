@@ -1,8 +1,8 @@
 #include "server/solve/state/tiles.h"
 
-#include "common/colour.h"
-#include "common/invariant.h"
-#include "common/random.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
+#include "common/base/random.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,8 +1,8 @@
 #include "server/solve/surface/crossings.h"
 
+#include "common/base/random.h"
+#include "common/base/union_find.h"
 #include "common/light/direction.h"
-#include "common/random.h"
-#include "common/union_find.h"
 
 #include <stdlib.h>
 #include <string.h>

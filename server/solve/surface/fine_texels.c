@@ -1,6 +1,6 @@
 #include "server/solve/surface/fine_texels.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "server/solve/surface/crossings.h"
 
 #include <stdlib.h>

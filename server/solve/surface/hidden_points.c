@@ -1,7 +1,7 @@
 #include "server/solve/surface/hidden_points.h"
 
+#include "common/base/random.h"
 #include "common/light/direction.h"
-#include "common/random.h"
 #include "server/solve/surface/crossings.h"
 
 /* A sample point is inside when what it sees is backs, all but one ray of these, and near ones: a roof that

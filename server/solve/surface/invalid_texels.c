@@ -1,8 +1,8 @@
 #include "server/solve/surface/invalid_texels.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/progress.h"
 #include "common/light/direction.h"
-#include "common/progress.h"
 #include "server/solve/surface/crossings.h"
 #include "server/solve/surface/hidden_points.h"
 

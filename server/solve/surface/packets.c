@@ -1,6 +1,6 @@
 #include "server/solve/surface/packets.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,7 +1,7 @@
 #include "server/solve/surface/sample_points.h"
 
-#include "common/invariant.h"
-#include "common/wide.h"
+#include "common/base/invariant.h"
+#include "common/base/wide.h"
 
 #define LANES 16
 /* An even number of steps, so that the six axes, which most walls face, are exact. */

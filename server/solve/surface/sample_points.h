@@ -13,8 +13,8 @@
 #ifndef LW_SURFACE_SAMPLE_POINTS_H
 #define LW_SURFACE_SAMPLE_POINTS_H
 
-#include "common/points16.h"
-#include "common/random.h"
+#include "common/base/points16.h"
+#include "common/base/random.h"
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"
 

@@ -1,8 +1,8 @@
 #include "server/solve/surface/saved_texels.h"
 
-#include "common/cache_folder.h"
-#include "common/checked_file.h"
-#include "common/invariant.h"
+#include "common/base/cache_folder.h"
+#include "common/base/checked_file.h"
+#include "common/base/invariant.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 #include "server/solve/surface/seam_edges.h"
 
-#include "common/invariant.h"
-#include "common/random.h"
+#include "common/base/invariant.h"
+#include "common/base/random.h"
 
 #include <stdlib.h>
 #include <string.h>

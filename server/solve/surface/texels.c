@@ -1,9 +1,9 @@
 #include "server/solve/surface/texels.h"
 
-#include "common/invariant.h"
-#include "common/progress.h"
-#include "common/union_find.h"
-#include "common/wide.h"
+#include "common/base/invariant.h"
+#include "common/base/progress.h"
+#include "common/base/union_find.h"
+#include "common/base/wide.h"
 
 #include <omp.h>
 #include <stdlib.h>

@@ -9,10 +9,10 @@
 #ifndef LW_SURFACE_TEXELS_H
 #define LW_SURFACE_TEXELS_H
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/waiting.h"
 #include "common/scene/scene.h"
 #include "common/tile/atlas.h"
-#include "common/waiting.h"
 #include "server/solve/surface/sample_points.h"
 
 #define LW_TEXEL_NONE UINT32_MAX

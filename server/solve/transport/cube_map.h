@@ -5,7 +5,7 @@
 #ifndef LW_TRANSPORT_CUBE_MAP_H
 #define LW_TRANSPORT_CUBE_MAP_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 #include "server/solve/transport/bordered_map.h"
 
 #include <stdint.h>

@@ -1,6 +1,6 @@
 #include "server/solve/transport/direct_light.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
 #include "common/light/direct16.h"
 
 #include <string.h>

@@ -1,6 +1,6 @@
 #include "server/solve/transport/hit_gloss.h"
 
-#include "common/colour.h"
+#include "common/base/colour.h"
 #include "common/shading/lobes.h"
 
 #include <math.h>

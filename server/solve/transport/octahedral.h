@@ -6,7 +6,7 @@
 #ifndef LW_TRANSPORT_OCTAHEDRAL_H
 #define LW_TRANSPORT_OCTAHEDRAL_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 #include "server/solve/transport/bordered_map.h"
 
 #include <stdint.h>

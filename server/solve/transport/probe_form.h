@@ -11,7 +11,7 @@
 #ifndef LW_TRANSPORT_PROBE_FORM_H
 #define LW_TRANSPORT_PROBE_FORM_H
 
-#include "common/vec.h"
+#include "common/base/vec.h"
 #include "server/solve/state/solver_terms.h"
 
 #include <stdint.h>

@@ -1,8 +1,8 @@
 #include "server/solve/transport/probes.h"
 
-#include "common/invariant.h"
+#include "common/base/invariant.h"
+#include "common/base/sampling.h"
 #include "common/light/direction.h"
-#include "common/sampling.h"
 #include "server/solve/transport/octahedral.h"
 #include "server/solve/transport/ray_hit.h"
 

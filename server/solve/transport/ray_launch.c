@@ -1,8 +1,8 @@
 #include "server/solve/transport/ray_launch.h"
 
-#include "common/invariant.h"
-#include "common/sampling.h"
-#include "common/wide.h"
+#include "common/base/invariant.h"
+#include "common/base/sampling.h"
+#include "common/base/wide.h"
 
 #define LANES LW_TRACE_WIDTH
 /* Packets whose normals agree to this cosine run parallel enough for Embree's coherent traversal. */

@@ -1,8 +1,8 @@
 #include "server/solve/transport/reflectors.h"
 
-#include "common/cdf.h"
-#include "common/colour.h"
-#include "common/invariant.h"
+#include "common/base/cdf.h"
+#include "common/base/colour.h"
+#include "common/base/invariant.h"
 
 #include <math.h>
 #include <stdlib.h>
