@@ -318,8 +318,8 @@ static void test_t_junction(void **state) {
                      after = read_junction(&solution, one_mesh, SEAM_WALK_WELDED);
         printf("T-junction in %s: worst %.4f, unwelded %.4f\n", one_mesh ? "a mesh" : "the world", after,
                before);
-        assert_true(before > 0.015);
-        assert_true(after < 0.01);
+        assert_true(before > 0.01); /* else there is nothing to weld */
+        assert_true(after < 0.005);
         room_finish(&solution);
     }
 }
