@@ -6,6 +6,7 @@
 #include "common/builtin/builtin.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -33,6 +34,31 @@ static void test_furnace(void **state) {
     expect_furnace(0.5f, 0, noise(0.004));
     expect_furnace(0.5f, 3, noise(0.006));
     expect_furnace(0.9f, 8, noise(0.024));
+}
+
+/* Fins stand on the floor, five to a texel. Most rays that end between them see no texel's place. They take
+ * no light out of a furnace all the same. */
+static void test_fins_in_a_furnace(void **state) {
+    (void)state;
+    enum { FINS = 19 };
+    const float rho = 0.7f, le = 1.5f;
+    const uint32_t bounces = 3;
+    struct room room = {.texels_per_metre = 2};
+    struct room_solution solution;
+    double want = 0, mean = 0;
+    room_box(&room, lw_vec3(2, 2, 2), rho, le);
+    for (int i = 1; i <= FINS; i++) {
+        room_quad(&room, lw_vec3(0.1f * (float)i, 0, 0), lw_vec3(0, 0.4f, 0), lw_vec3(0, 0, 2), rho, le);
+        room.quad[room.quad_count - 1].double_sided = true;
+    }
+    room_solve(&solution, &room,
+               (struct lw_solver_desc){.bounces = bounces, .direct_samples = 16, .indirect_samples = 4},
+               64 * effort);
+    for (uint32_t k = 0; k <= bounces; k++) want += acos(-1.0) * (double)le * pow((double)rho, k);
+    for (uint32_t o = 1; o < 6; o++) mean += room_object_mean(&solution, o).total / 5;
+    printf("above fins: %.4f of the furnace's light\n", mean / want);
+    expect_near(mean, want, 0.028); /* where a whole packet sees no place, light is lost */
+    room_finish(&solution);
 }
 
 static struct room lit_box(void) {
@@ -239,6 +265,7 @@ int main(int argc, char **argv) {
     set_effort(argc);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_furnace),
+        cmocka_unit_test(test_fins_in_a_furnace),
         cmocka_unit_test(test_same_bytes_at_any_thread_count),
         cmocka_unit_test(test_light_is_linear),
         cmocka_unit_test(test_converged_scene_costs_nothing),

@@ -138,13 +138,49 @@ static bool can_be_read(const struct lw_transport *t, uint32_t hit) {
     return hit < t->tiles->texel_count && t->tiles->covered[hit];
 }
 
-/* Notes the texels that a packet's rays read. */
-static void note_hits(const struct lw_transport *t, struct flight *f) {
+static struct lw_vec3 end_of(const struct flight *f, uint32_t lane) {
+    return lw_vec3_mad(origin_of(&f->rays, lane),
+                       lw_vec3(f->rays.dir_x[lane], f->rays.dir_y[lane], f->rays.dir_z[lane]),
+                       f->hits.t[lane]);
+}
+
+/* The texel for a ray that sees none of those around its end, as in a deep reveal: that of the ray of the
+ * packet which ends nearest, of those that start on the same side of walls. Black would take light from all
+ * that is rougher than its texels. */
+static uint32_t read_beside(const struct lw_transport *t, const struct flight *f, uint16_t seen,
+                            uint32_t lane) {
+    const struct lw_vec3 end = end_of(f, lane);
+    const uint32_t side = t->texels->side[f->texel[lane]];
+    uint32_t best = LW_TEXEL_NONE;
+    float least = INFINITY;
+    for (uint32_t k = 0; k < LANES; k++) {
+        if (!(seen >> k & 1) || t->texels->side[f->texel[k]] != side) continue;
+        const struct lw_vec3 apart = lw_vec3_sub(end_of(f, k), end);
+        const float square = lw_vec3_dot(apart, apart);
+        if (!(square < least)) continue;
+        least = square;
+        best = f->hit[k];
+    }
+    return best;
+}
+
+/* Reads texels for the ends of a packet's rays on surfaces. */
+static void read_surfaces(const struct lw_transport *t, struct flight *f) {
     const struct lw_wall_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
-    uint16_t surfaces = 0;
+    uint16_t surfaces = 0, seen = 0;
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (f->active >> lane & 1 && !(f->hit[lane] & LW_RAY_HIT_PROBE)) surfaces |= (uint16_t)(1u << lane);
     lw_wall_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
+    for (uint32_t lane = 0; lane < LANES; lane++)
+        if (surfaces >> lane & 1 && f->hit[lane] != LW_TEXEL_NONE) seen |= (uint16_t)(1u << lane);
+    for (uint32_t lane = 0; seen && lane < LANES; lane++)
+        if (surfaces >> lane & 1 && f->hit[lane] == LW_TEXEL_NONE)
+            f->hit[lane] = read_beside(t, f, seen, lane);
+}
+
+/* Notes the texels that a packet's rays read. */
+static void note_hits(const struct lw_transport *t, struct flight *f) {
+    read_surfaces(t, f);
     for (uint32_t lane = 0; lane < LANES; lane++)
         LW_INVARIANT_DEAR(!(f->active >> lane & 1) || can_be_read(t, f->hit[lane]));
     for (uint32_t lane = 0; lane < LANES; lane++)
