@@ -265,7 +265,7 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     if (!s->geometry) {
         s->geometry = &s->own_geometry;
         const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.ranks ? 0 : s->desc.fine_tiles,
-                                                s->desc.fine_for_maps, s->desc.atlas_map};
+                                                s->desc.fine_when, s->desc.atlas_map};
         status = lw_geometry_init(s->geometry, scene, &s->pose, &terms, s->threads, s->desc.cancel,
                                   s->desc.waiting, err);
         if (status != LW_OK) return status;

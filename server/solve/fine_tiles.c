@@ -16,18 +16,18 @@
 #define ERROR_BELOW  0.05f
 
 enum lw_status lw_fine_tiles_init(struct lw_fine_tiles *fine, struct lw_texels *texels,
-                                  const struct lw_atlas_map *map, bool for_maps, int threads) {
+                                  const struct lw_atlas_map *map, enum lw_fine_when when, int threads) {
     *fine = (struct lw_fine_tiles){.texels = texels,
                                    .map = map,
                                    .slots = (texels->capacity - texels->count) / LW_TILE_TEXELS_MAX,
-                                   .for_maps = for_maps,
+                                   .when = when,
                                    .threads = threads};
     if (!fine->slots || !map->finer_count) return LW_OK;
     fine->tile = calloc(fine->slots, sizeof *fine->tile);
     fine->shown = malloc(fine->slots * sizeof *fine->shown);
     fine->fresh = malloc(fine->slots * sizeof(struct lw_fine_tile *));
     if (!fine->tile || !fine->shown || !fine->fresh) return LW_NO_MEMORY;
-    return lw_fine_texels_maker_create(texels, for_maps, &fine->maker);
+    return lw_fine_texels_maker_create(texels, when == LW_FINE_AT_ONCE_FOR_MAPS, &fine->maker);
 }
 
 void lw_fine_tiles_add_layer(struct lw_fine_tiles *fine, const struct lw_fine_tiles_layer *layer) {
@@ -186,18 +186,19 @@ static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
 /* Whether the light of level 0 below a tile is good enough to go on with detail, in any layer. */
 static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
     const lw_tile_id below = lw_atlas_map_below(fine->map, id);
-    if (fine->for_maps) return true;
+    if (fine->when == LW_FINE_AT_ONCE_FOR_MAPS) return true;
     EACH_LAYER(fine, layer) {
         const struct lw_solve_tile *tile = lw_tiles_at(layer->tiles, below);
         if (!tile->covered_count) return true;
-        if (tile->light.sample_count >= FRAMES_BELOW && tile->light.error <= ERROR_BELOW) return true;
+        const bool is_smooth = fine->when == LW_FINE_AFTER_FRAMES || tile->light.error <= ERROR_BELOW;
+        if (tile->light.sample_count >= FRAMES_BELOW && is_smooth) return true;
     }
     return false;
 }
 
 /* Finds slots for the next tiles that are granted. Returns how many. */
 static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame) {
-    const uint32_t most = fine->for_maps ? fine->slots : MAKE_MAX;
+    const uint32_t most = fine->when == LW_FINE_AT_ONCE_FOR_MAPS ? fine->slots : MAKE_MAX;
     uint32_t count = 0;
     for (uint32_t i = 0; i < fine->granted_count && count < most; i++) {
         const lw_tile_id id = fine->wanted[i];

@@ -18,6 +18,7 @@
 #define LW_SOLVE_FINE_TILES_H
 
 #include "server/solve/light_groups.h"
+#include "server/solve/state/solver_terms.h"
 #include "server/solve/state/tiles.h"
 #include "server/solve/surface/fine_texels.h"
 
@@ -52,14 +53,15 @@ struct lw_fine_tiles {
     lw_tile_id *shown;                    /* scratch of lw_fine_tiles_list() */
     struct lw_fine_tile **fresh;          /* scratch of lw_fine_tiles_update() */
     uint64_t frame;                       /* the last update's */
-    bool for_maps;
+    enum lw_fine_when when;
     bool told; /* a line has said that there is not room for all that are wanted */
     int threads;
 };
 
-/** for_maps: of solver.h. Errors: LW_NO_MEMORY; finish it then. */
+/** Errors: LW_NO_MEMORY; finish it then. */
 LW_MUST_CHECK enum lw_status lw_fine_tiles_init(struct lw_fine_tiles *fine, struct lw_texels *texels,
-                                                const struct lw_atlas_map *map, bool for_maps, int threads);
+                                                const struct lw_atlas_map *map, enum lw_fine_when when,
+                                                int threads);
 /** Before the first update: a layer's tiles, which outlive the last one. */
 void lw_fine_tiles_add_layer(struct lw_fine_tiles *fine, const struct lw_fine_tiles_layer *layer);
 /** A zeroed one is fine. */

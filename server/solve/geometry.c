@@ -96,7 +96,7 @@ static enum lw_status init_fine(struct lw_geometry *geometry, const struct lw_ge
     if (!tiles) return LW_OK;
     enum lw_status status = lw_texels_reserve(&geometry->texels, tiles * LW_TILE_TEXELS_MAX);
     if (status == LW_OK)
-        status = lw_fine_tiles_init(&geometry->fine, &geometry->texels, terms->map, terms->for_maps,
+        status = lw_fine_tiles_init(&geometry->fine, &geometry->texels, terms->map, terms->fine_when,
                                     geometry->threads);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u tiles of finer levels", tiles);
 }

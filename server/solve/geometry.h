@@ -20,9 +20,9 @@ struct lw_geometry_terms {
     /* Where an earlier start has saved them, and where this one does: what cannot be read or written is
      * logged, and costs the time of finding it. Copied. NULL: nowhere. */
     const struct lw_saved_texels *saved;
-    /* Tiles of finer levels at most, whether they are for maps, and the atlases that have such levels. */
+    /* Tiles of finer levels at most, when they are made, and the atlases that have such levels. */
     uint32_t fine_tiles;
-    bool for_maps;
+    enum lw_fine_when fine_when;
     const struct lw_atlas_map *map; /* outlives the geometry; NULL: there are none */
 };
 

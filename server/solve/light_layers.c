@@ -711,7 +711,7 @@ static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct
     enum lw_status status = lw_pose_init(&s->pose, s->desc.scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&s->pose, pose, s->desc.scene);
-    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.fine_tiles, s->desc.fine_for_maps,
+    const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.fine_tiles, s->desc.fine_when,
                                             s->desc.atlas_map};
     status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, &terms, s->threads, s->desc.cancel,
                               s->desc.waiting, err);

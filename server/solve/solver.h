@@ -63,10 +63,9 @@ struct lw_solver_desc {
      * creation alone. NULL: nowhere. */
     const struct lw_saved_texels *saved_texels;
     /* Tiles of finer levels (atlas.h) that the cell solver may hold at once; each takes some 1 MB. 0: it
-     * solves level 0 alone, as other solvers and ranks do. fine_for_maps: they are made in the frame after
-     * somebody asks for them, not some at a time once level 0 is smooth, and have albedo. */
+     * solves level 0 alone, as other solvers and ranks do. */
     uint32_t fine_tiles;
-    bool fine_for_maps;
+    enum lw_fine_when fine_when;
     /* May be NULL. Once true, frame() returns LW_CLOSED within a tile, creation within a mesh. */
     const _Atomic bool *cancel;
     const _Atomic bool *finishing; /* may be NULL; once true, frames log their progress */

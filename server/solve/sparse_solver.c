@@ -272,6 +272,7 @@ static enum lw_status build_inner(struct sparse *s, const struct lw_solvers_entr
     struct lw_saved_texels saved;
     inner.scene = &s->coarse_scene.scene;
     inner.atlas_map = &s->inner_map;
+    inner.fine_when = LW_FINE_AFTER_FRAMES; /* noise of the coarse scene is no reason to read it */
     if (desc->saved_texels) {
         saved = *desc->saved_texels;
         change_key(desc->saved_texels->key, saved.key);

@@ -385,7 +385,7 @@ static enum lw_status build(struct tile_by_tile *s, const struct lw_solvers_entr
     inner.scene = &s->coarse_scene.scene;
     inner.atlas_map = &s->fine_map;
     inner.fine_tiles = LW_TILE_BY_TILE_AT_ONCE;
-    inner.fine_for_maps = true;
+    inner.fine_when = LW_FINE_AT_ONCE_FOR_MAPS;
     if ((status = entry->create(&inner, pose, &s->solver, err)) != LW_OK) return status;
     s->solver->ops->show(s->solver, s->how.channels);
     return LW_OK;

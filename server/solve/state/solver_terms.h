@@ -14,6 +14,13 @@
  * tracer's (docs/lab/denoise.md). */
 #define LW_SOLVER_NOISE_SHOWN 0.2f
 
+/** When tiles of finer levels are made. */
+enum lw_fine_when {
+    LW_FINE_ONCE_SMOOTH,     /* some at a time, once level 0 below has little noise */
+    LW_FINE_AFTER_FRAMES,    /* the same once it has had some frames, whatever its noise is */
+    LW_FINE_AT_ONCE_FOR_MAPS /* in the frame after somebody asks for them, and they have albedo */
+};
+
 /** How a probe keeps what it sees (probe_form.h). */
 enum lw_probe_form_kind { LW_PROBE_FORM_OCTAHEDRAL = 0, LW_PROBE_FORM_SH, LW_PROBE_FORM_CUBE };
 
