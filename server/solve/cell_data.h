@@ -42,8 +42,8 @@ struct lw_cell_solver {
     /* Cost of the last listing of reflectors; of rays and sums since then. Wall time in ns, or work units
      * under a budget of units. listing is 0 when a listing is due. */
     uint64_t listing, since_listing;
-    uint32_t frames; /* frames that solved something */
-    bool forgetful;  /* the tiles' last estimates are lost: a checkpoint does not keep them */
+    uint32_t frames;      /* frames that solved something */
+    bool lacks_estimates; /* the tiles' last estimates are lost: a checkpoint does not keep them */
 
     /* -- plan -- */
     struct lw_interest_set interest;

@@ -106,7 +106,7 @@ static bool take_texels(struct lw_cell_solver *s) {
 }
 
 /* Takes over s->pose. */
-static enum lw_status place(struct frame *f, struct lw_error *err) {
+static enum lw_status apply_pose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     enum lw_status status =
         lw_geometry_set_pose(s->geometry, &s->pose, lw_solver_desc_is_limited(&s->desc), f->number, err);
@@ -133,20 +133,20 @@ static enum lw_status place(struct frame *f, struct lw_error *err) {
     return LW_OK;
 }
 
-static void recall_tile(void *user, uint32_t item, struct lw_work_report *report) {
+static void restore_estimates_of(void *user, uint32_t item, struct lw_work_report *report) {
     const struct lw_transport *passes = user;
-    lw_verify_recall(passes, &passes->tiles->tile[item], &report->rays);
+    lw_verify_restore_estimates(passes, &passes->tiles->tile[item], &report->rays);
 }
 
 /* Estimates of the last solves, before anything moves from where it was then. */
-static enum lw_status recall(struct frame *f, struct lw_error *err) {
+static enum lw_status restore_estimates(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     enum lw_status status = lw_cell_light_list_reflectors(s, err);
     if (status != LW_OK) return status;
     const struct lw_work_report report =
-        lw_work_run(&s->work, s->tiles.count, LW_WORK_TILES, NULL, recall_tile, &f->transport);
+        lw_work_run(&s->work, s->tiles.count, LW_WORK_TILES, NULL, restore_estimates_of, &f->transport);
     add_rays(f, &report);
-    s->forgetful = false;
+    s->lacks_estimates = false;
     return LW_OK;
 }
 
@@ -166,7 +166,7 @@ static enum lw_status take_pose(struct frame *f, struct lw_error *err) {
     /* An object that comes to rest parts light that has gone through it so far. */
     if (take_texels(s) && !moved) note_motion(s, &s->pose, false);
     if (!moved) return LW_OK;
-    if (s->forgetful && (status = recall(f, err)) != LW_OK) return status;
+    if (s->lacks_estimates && (status = restore_estimates(f, err)) != LW_OK) return status;
     s->view_due |= memcmp(s->pose.object_hidden, f->pose->object_hidden,
                           s->desc.scene->object_count * sizeof *f->pose->object_hidden) != 0;
     note_motion(s, f->pose,
@@ -185,7 +185,7 @@ static enum lw_status pose(struct frame *f, struct lw_error *err) {
     const bool looked_at = s->interest.scope != LW_INTEREST_NOTHING;
     enum lw_status status = take_pose(f, err);
     if (status == LW_OK) status = lw_trace_settle(s->geometry->trace, false, err);
-    if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = place(f, err);
+    if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = apply_pose(f, err);
     lw_cell_light_charge(&f->light, &f->stats.pose_ns);
     return status;
 }
@@ -348,7 +348,7 @@ static enum lw_status plan_light(struct frame *f, struct lw_error *err) {
     f->stats.tiles_interest = s->memory.interest;
     f->stats.tiles_contributing = s->memory.contributing;
     f->light.changing = s->plan.changing;
-    if (s->plan.solve.count && s->pose_due) status = place(f, err);
+    if (s->plan.solve.count && s->pose_due) status = apply_pose(f, err);
     choose_blocks(s);
     lw_cell_light_charge(&f->light, &f->stats.pose_ns);
     return status;
@@ -433,7 +433,7 @@ static void weigh_tile(void *user, uint32_t item, struct lw_work_report *report)
     report->rays = lw_correct_due(&f->correct, f->s->motion.moves, lw_cell_light_due(f->s, item)).rays;
 }
 
-/* After place(): its new materials were verified before. */
+/* After apply_pose(): its new materials were verified before. */
 static void weigh(struct frame *f) {
     struct lw_cell_solver *s = f->s;
     for (uint32_t bounce = 0; bounce < s->desc.bounces; bounce++)
@@ -503,7 +503,7 @@ static void fill_unseen(void *user, uint32_t item, struct lw_work_report *report
     fact->unseen = (s->memory.sweep_ended || fact->corrected) && has_unseen(&s->tiles.tile[item]);
 }
 
-static enum lw_status show(struct frame *f, struct lw_error *err) {
+static enum lw_status filter_and_weld(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     lw_work_run(&s->work, s->own_count, LW_WORK_TILES, NULL, finish_tile, f);
     if (s->due_count) exchange_due(f, LW_RANKS_LIT);
@@ -531,7 +531,7 @@ static enum lw_status show(struct frame *f, struct lw_error *err) {
 /* ---- note ---- */
 
 /* Blocks whose error is low enough stay converged until their light changes. */
-static void settle_tile(void *user, uint32_t item, struct lw_work_report *report) {
+static void update_convergence(void *user, uint32_t item, struct lw_work_report *report) {
     const struct frame *f = user;
     const struct lw_converged converged = f->correct.converged;
     struct lw_solve_tile *tile = lw_cell_light_due(f->s, item);
@@ -571,7 +571,8 @@ static void count_tile(void *user, uint32_t item, struct lw_work_report *report)
 static void note(struct frame *f) {
     struct lw_cell_solver *s = f->s;
     struct lw_solver_stats *stats = &f->stats;
-    stats->texels_solved = lw_work_run(&s->work, s->due_count, LW_WORK_CHEAP, NULL, settle_tile, f).texels;
+    stats->texels_solved =
+        lw_work_run(&s->work, s->due_count, LW_WORK_CHEAP, NULL, update_convergence, f).texels;
     const struct lw_work_report all =
         lw_work_run(&s->work, s->tiles.count, LW_WORK_CHEAP, NULL, count_tile, f);
     stats->tiles = s->tiles.count;
@@ -609,7 +610,7 @@ enum lw_status lw_cell_frame_run(struct lw_cell_solver *s, const struct lw_pose 
     verify(&f);
     if (s->desc.cancel && *s->desc.cancel) return LW_CLOSED;
     if ((status = plan_light(&f, err)) != LW_OK || (status = light(&f, err)) != LW_OK ||
-        (status = show(&f, err)) != LW_OK)
+        (status = filter_and_weld(&f, err)) != LW_OK)
         return status;
     note(&f);
     *out_stats = f.stats;

@@ -120,10 +120,10 @@ static void gather(void *user, uint32_t item, struct lw_work_report *report) {
 }
 
 /* Bounces from the second on change only now. */
-static void arrive(void *user, uint32_t item, struct lw_work_report *report) {
+static void add_indirect_change(void *user, uint32_t item, struct lw_work_report *report) {
     const struct pass *pass = user;
     (void)report;
-    lw_verify_arrive(pass->light->transport, lw_cell_light_due(pass->light->s, item));
+    lw_verify_add_indirect_change(pass->light->transport, lw_cell_light_due(pass->light->s, item));
 }
 
 enum pass_kind { PASS_QUIET, PASS_STEPS };
@@ -182,7 +182,8 @@ static void run_bounces(struct lw_cell_light *light) {
         if (bounce < s->desc.bounces) run_radiate(light, bounce);
         lw_cell_light_charge(light, &light->stats->scatter_ns);
     }
-    if (s->desc.bounces > 1 && light->changing) run_pass(light, LW_WORK_TILES, PASS_QUIET, arrive, 0);
+    if (s->desc.bounces > 1 && light->changing)
+        run_pass(light, LW_WORK_TILES, PASS_QUIET, add_indirect_change, 0);
 }
 
 enum lw_status lw_cell_light_run(struct lw_cell_light *light, struct lw_error *err) {

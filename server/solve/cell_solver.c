@@ -138,7 +138,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     s->motion.frames_since_move = remembered.frames_since_move;
     lw_plan_resume(&s->memory);
     lw_plan_log_event(s->plan_log, "resume");
-    s->forgetful = true;
+    s->lacks_estimates = true;
     lw_seams_welds_resume(&s->shown.welds);
     if (remembered.judges_split != judges_split(s)) {
         const struct lw_transport passes = lw_cell_frame_transport(s);

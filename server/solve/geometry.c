@@ -136,8 +136,8 @@ static struct lw_geometry_edges *edges_start(const struct lw_geometry *geometry)
 
 /* Builds the rays' structure and places texels at the same time. The search for the edges of seams begins as
  * well: it takes one thread about as long as the structure. */
-static enum lw_status place(struct lw_geometry *geometry, const _Atomic bool *cancel,
-                            struct lw_waiting *waiting, struct lw_error *err) {
+static enum lw_status build_rays_and_texels(struct lw_geometry *geometry, const _Atomic bool *cancel,
+                                            struct lw_waiting *waiting, struct lw_error *err) {
     struct structure structure = {.scene = geometry->scene, .pose = &geometry->pose};
     const bool alone = geometry->threads == 1;
     if (!alone) geometry->edges = edges_start(geometry);
@@ -161,7 +161,7 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
     enum lw_status status = lw_pose_init(&geometry->pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
     lw_pose_copy(&geometry->pose, pose, scene);
-    if ((status = place(geometry, cancel, waiting, err)) != LW_OK) return status;
+    if ((status = build_rays_and_texels(geometry, cancel, waiting, err)) != LW_OK) return status;
     const struct lw_geometry_terms at_once = {.saved = NULL};
     if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
         status = find_invalid(geometry, terms ? terms : &at_once, cancel, waiting);

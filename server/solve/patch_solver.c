@@ -177,7 +177,7 @@ static bool has_converged(const struct lw_patch_solver *s, const struct lw_solve
            (s->desc.frames_max && block->sample_count >= s->desc.frames_max);
 }
 
-static void settle(struct lw_patch_solver *s) {
+static void update_convergence(struct lw_patch_solver *s) {
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         struct lw_solve_tile *tile = &s->tiles.tile[i];
         LW_TILES_EACH_BLOCK (tile, block)
@@ -237,7 +237,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
         if (s->method->keep) s->method->keep(s, stats.rays_bounce);
         blend(s);
         s->frames++;
-        settle(s);
+        update_convergence(s);
         stats.texels_solved = s->patches.count;
         stats.tiles_solved = s->tiles.count;
     }
@@ -317,7 +317,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
     if (status != LW_OK) return status;
     lw_seams_welds_resume(&s->shown.welds);
     s->frames = frames;
-    settle(s);
+    update_convergence(s);
     *out_frames = frames;
     return LW_OK;
 }

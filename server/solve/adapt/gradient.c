@@ -257,7 +257,7 @@ static bool stands_alone(const struct lw_change_block *change) {
 }
 
 /* Packets whose mean stands for the block: earlier findings know nothing of a movement that begins. */
-static uint16_t witnesses(const struct lw_solve_block *block) {
+static uint16_t packets_that_count(const struct lw_solve_block *block) {
     return stands_alone(&block->change) ? block->change.verified : lw_change_all_packets(block);
 }
 
@@ -279,7 +279,7 @@ void lw_gradient_note_staleness(struct lw_solve_block *block) {
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error,
                              const struct lw_budget *budget) {
     struct lw_change_block *change = &block->change;
-    const uint16_t verified = change->compare, found = witnesses(block);
+    const uint16_t verified = change->compare, found = packets_that_count(block);
     change->compare = change->direct = 0;
     if (!verified || rereads(change) || !has_changed(block, found, target_error)) return false;
     if (change->verify == LW_CHANGE_VERIFIED_ONSET && (budget->limited || has_changed(block, found, CERTAIN)))
@@ -292,14 +292,14 @@ void lw_gradient_invalidate(struct lw_solve_block *block, float target_error,
                             const struct lw_budget *budget) {
     struct lw_change_block *change = &block->change;
     change->compare = change->direct = 0;
-    const struct off off = add_up(block, witnesses(block));
+    const struct off off = add_up(block, packets_that_count(block));
     if (budget->limited && stands_alone(change)) target_error = fmaxf(target_error, LIMITED_ERROR_MIN);
     if (!(block->state == LW_BLOCK_CONVERGED || stands_alone(change)) ||
         !is_too_much(block, &off, target_error))
         return;
     change->strength = fminf(1, share_of(block, &off));
     LW_INVARIANT_DEAR(change->strength > 0);
-    change->judged = witnesses(block);
+    change->judged = packets_that_count(block);
     block->state = LW_BLOCK_STALE;
 }
 

@@ -30,7 +30,7 @@
  *
  * Blocks that are solved in the same frame change what arrives in it. Direct light is therefore read along a
  * block's old ray hits before new rays are traced (lw_verify_reread()). For bounces, the mean change of each
- * block's radiance since the frame before is looked up at the new ray hits (lw_verify_arrive()).
+ * block's radiance since the frame before is looked up at the new ray hits (lw_verify_add_indirect_change()).
  *
  * A change that fewer than one ray in 512 of a block meets may still be overlooked. */
 #ifndef LW_ADAPT_GRADIENT_H
@@ -110,8 +110,8 @@ bool lw_gradient_choose_due(struct lw_solve_block *block, uint32_t moves);
 void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool filtered,
                               const struct lw_budget *budget);
 
-/** After lw_verify_arrive() of the first bounce: the same for indirect light. most: frames that its
- * mean may stand for in any case. */
+/** After lw_verify_add_indirect_change() of the first bounce: the same for indirect light. most: frames that
+ * its mean may stand for in any case. */
 void lw_gradient_weigh_indirect(struct lw_solve_block *block, float most, bool filtered);
 
 /** Invalidates a converged block if its differences since it was solved exceed its

@@ -173,7 +173,7 @@ static void note_arrival(const struct lw_transport *t, const struct lw_solve_til
     block->change.told = block->change.verified = lw_change_all_packets(block);
 }
 
-void lw_verify_arrive(const struct lw_transport *t, struct lw_solve_tile *tile) {
+void lw_verify_add_indirect_change(const struct lw_transport *t, struct lw_solve_tile *tile) {
     LW_TILES_EACH_BLOCK (tile, block)
         if (block->due) note_arrival(t, tile, block, 1 - block->indirect.weight);
     (void)lw_control_variate_indirect(t->tiles, tile, t->target_error, false);
@@ -181,8 +181,8 @@ void lw_verify_arrive(const struct lw_transport *t, struct lw_solve_tile *tile) 
         if (block->due) lw_gradient_note_staleness(block);
 }
 
-void lw_verify_recall(const struct lw_transport *t, const struct lw_solve_tile *tile,
-                      struct lw_ray_count *count) {
+void lw_verify_restore_estimates(const struct lw_transport *t, const struct lw_solve_tile *tile,
+                                 struct lw_ray_count *count) {
     struct lw_ray_launch launch;
     struct lw_ray_launch_site site;
     lw_sample_points_frame_init(&site.frame, &t->pose->object_to_world[tile->object]);

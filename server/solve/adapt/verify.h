@@ -20,10 +20,10 @@ void lw_verify_reread(const struct lw_transport *transport, struct lw_solve_tile
 /** After the last bounce: corrects indirect light of due blocks, as far as it is that of
  * earlier frames, by what the radiance of bounces differs by from the frame before, from the
  * first on, along the new ray hits. */
-void lw_verify_arrive(const struct lw_transport *transport, struct lw_solve_tile *tile);
+void lw_verify_add_indirect_change(const struct lw_transport *transport, struct lw_solve_tile *tile);
 
 /** Sets tiles->estimate to what the last solve of a tile's blocks had, if nothing has changed since. */
-void lw_verify_recall(const struct lw_transport *transport, const struct lw_solve_tile *tile,
-                      struct lw_ray_count *count);
+void lw_verify_restore_estimates(const struct lw_transport *transport, const struct lw_solve_tile *tile,
+                                 struct lw_ray_count *count);
 
 #endif

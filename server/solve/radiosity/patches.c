@@ -177,7 +177,7 @@ static void deal_object(struct lw_patches *patches, const struct lw_pose *pose,
 }
 
 /* From sums over a texel's area to its mean; then what of it lies inside others goes. */
-static void settle(struct lw_patches *patches, uint32_t object) {
+static void average_texels(struct lw_patches *patches, uint32_t object) {
     const struct lw_texels *texels = patches->texels;
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
     for (uint32_t local = 0; local < mesh->texel_count; local++) {
@@ -208,7 +208,7 @@ enum lw_status lw_patches_set_pose(struct lw_patches *patches, const struct lw_p
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
     for (uint32_t o = 0; o < texels->scene->object_count; o++) {
         deal_object(patches, pose, lights, o);
-        settle(patches, o);
+        average_texels(patches, o);
     }
     return LW_OK;
 }

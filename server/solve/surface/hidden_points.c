@@ -134,7 +134,7 @@ static float reach_of_solids(const struct crowd *c) {
 
 /* Looks from the points in direction r, where that is still to do: near; from those of a rim as far as there
  * is anything. */
-static void look(struct packet *p, uint32_t r) {
+static void look_along(struct packet *p, uint32_t r) {
     struct crowd *c = p->crowd;
     const struct lw_vec3 local = lw_hidden_points_direction(r);
     const float reach_m = reach_of_solids(c);
@@ -175,7 +175,7 @@ static uint16_t is_suspect(struct packet *p, uint32_t r) {
     const struct crowd *c = p->crowd;
     set_up_rays(p, LW_CROSSINGS_CLOSE * c->size_m);
     const uint16_t covered = lw_trace_occluded16(c->search->trace, LW_TRACE_COHERENT, p->active, &p->rays);
-    look(p, r);
+    look_along(p, r);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (is_active(p, lane)) p->point[lane]->covered = covered >> lane & 1;
     return covered | lanes_where(p, has_something_near);
@@ -201,7 +201,7 @@ static bool is_in_doubt(const struct packet *p, uint32_t lane) {
 
 /* Most points stand free, and two rays say so: those that one ray too many leaves are tested no further. */
 static uint16_t may_be_inside(struct packet *p, uint32_t r) {
-    look(p, r);
+    look_along(p, r);
     return lanes_where(p, is_in_doubt);
 }
 

@@ -26,7 +26,7 @@ static bool mean_of(const float *sums, uint32_t side, const uint32_t low[2], con
 
 /* The mean of each cell of a bordered square. A cell that no ray has met yet takes the mean of the nearest
  * ring of cells that rays have met, or `all` if there is none. */
-static void settle_square(const float *sums, uint32_t side, const float all[3], float *map) {
+static void square_to_map(const float *sums, uint32_t side, const float all[3], float *map) {
     for (uint32_t y = 1; y <= side; y++)
         for (uint32_t x = 1; x <= side; x++) {
             float *rgb = map + (size_t)(y * (side + 2) + x) * 3;
@@ -48,8 +48,8 @@ static void octahedral_add(float *sum, struct lw_vec3 direction, const float *ra
     add_to(sum + (size_t)lw_octahedral_cell(SIDE, direction) * 4, radiance);
 }
 
-static void octahedral_settle(const float *mean, float *map) {
-    settle_square(mean, SIDE, (const float[3]){0, 0, 0}, map);
+static void octahedral_to_map(const float *mean, float *map) {
+    square_to_map(mean, SIDE, (const float[3]){0, 0, 0}, map);
     lw_octahedral_wrap(map, SIDE, 3);
 }
 
@@ -70,13 +70,13 @@ static void cube_add(float *sum, struct lw_vec3 direction, const float *radiance
     add_to(sum + (size_t)lw_cube_map_cell(FACE_SIDE, direction) * 4, radiance);
 }
 
-static void cube_settle(const float *mean, float *map) {
+static void cube_to_map(const float *mean, float *map) {
     float all[4] = {0};
     for (size_t i = 0; i < CUBE_CELLS; i++)
         for (size_t c = 0; c < 4; c++) all[c] += mean[i * 4 + c];
     for (int c = 1; all[0] > 0 && c < 4; c++) all[c] /= all[0];
     for (size_t face = 0; face < LW_CUBE_MAP_FACES; face++)
-        settle_square(mean + face * FACE_CELLS * 4, FACE_SIDE, all + 1, map + face * FACE_CELLS * 3);
+        square_to_map(mean + face * FACE_CELLS * 4, FACE_SIDE, all + 1, map + face * FACE_CELLS * 3);
     lw_cube_map_wrap(map, FACE_SIDE, 3);
 }
 
@@ -136,7 +136,7 @@ static float lowest(const float *map) {
 /* Divides band l by 1 + lambda l^2 (l + 1)^2, which lowers the squared Laplacian (Sloan 2008,
  * "Windowing"), with the least lambda of a geometric series that leaves nothing below zero. The
  * mean over the sphere stays. */
-static void sh_settle(const float *mean, float *map) {
+static void sh_to_map(const float *mean, float *map) {
     for (int i = 0; i < COEFFICIENTS * 3; i++) map[i] = mean[i];
     for (float lambda = 0.005f; lambda < 100 && lowest(map) < 0; lambda *= 1.6f)
         for (int i = 3; i < COEFFICIENTS * 3; i++) map[i] = mean[i] / (1 + lambda * (i < 12 ? 4 : 36));
@@ -149,9 +149,9 @@ static struct lw_vec3 sh_read(const float *map, struct lw_vec3 direction) {
 }
 
 static const struct lw_probe_form_ops forms[] = {
-    [LW_PROBE_FORM_OCTAHEDRAL] = {"octahedral", CELLS * 4, CELLS * 3, octahedral_add, octahedral_settle,
+    [LW_PROBE_FORM_OCTAHEDRAL] = {"octahedral", CELLS * 4, CELLS * 3, octahedral_add, octahedral_to_map,
                                   octahedral_read},
-    [LW_PROBE_FORM_SH] = {"sh", COEFFICIENTS * 3, COEFFICIENTS * 3, sh_add, sh_settle, sh_read},
-    [LW_PROBE_FORM_CUBE] = {"cube", CUBE_CELLS * 4, CUBE_CELLS * 3, cube_add, cube_settle, cube_read}};
+    [LW_PROBE_FORM_SH] = {"sh", COEFFICIENTS * 3, COEFFICIENTS * 3, sh_add, sh_to_map, sh_read},
+    [LW_PROBE_FORM_CUBE] = {"cube", CUBE_CELLS * 4, CUBE_CELLS * 3, cube_add, cube_to_map, cube_read}};
 
 const struct lw_probe_form_ops *lw_probe_form(enum lw_probe_form_kind kind) { return &forms[kind]; }

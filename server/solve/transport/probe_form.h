@@ -23,7 +23,7 @@ struct lw_probe_form_ops {
      * begin with. radiance: 3 floats. */
     void (*add)(float *sum, struct lw_vec3 direction, const float *radiance);
     /** Makes the map that read() reads. mean: of the sums of add(), over all rays */
-    void (*settle)(const float *mean, float *map);
+    void (*to_map)(const float *mean, float *map);
     /** Radiance from a direction of unit length; finite and never negative. */
     struct lw_vec3 (*read)(const float *map, struct lw_vec3 direction);
 };

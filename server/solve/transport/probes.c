@@ -343,7 +343,7 @@ void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *r
         const float weight = 1.0f / (float)((before < history_max ? before : history_max) + 1u);
         for (uint32_t i = 0; i < form->sum_floats; i++)
             mean[i] += (sum[i] * (1.0f / LW_PROBES_RAYS) - mean[i]) * weight;
-        form->settle(mean, probes->map + view * form->map_floats);
+        form->to_map(mean, probes->map + view * form->map_floats);
     }
 }
 

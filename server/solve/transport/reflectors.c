@@ -164,7 +164,7 @@ static bool is_of(const struct lw_solve_tile *tile, uint32_t object) {
 }
 
 /* The sphere around the tiles of an object. */
-static void place(struct lw_reflector *c, const struct lw_tiles *tiles) {
+static void bound_tiles(struct lw_reflector *c, const struct lw_tiles *tiles) {
     struct lw_vec3 sum = {0};
     uint32_t count = 0;
     for (uint32_t i = 0; i < tiles->count; i++) {
@@ -189,7 +189,7 @@ static enum lw_status consider(struct lw_reflectors *r, const struct lw_tiles *t
     const uint32_t triangles = mesh_of(r, object)->triangle_count;
     if (triangles > TRIANGLES_MAX) return LW_OK;
     c->object = object;
-    place(c, tiles);
+    bound_tiles(c, tiles);
     if (!(c->radius_m <= r->radius_max_m)) return LW_OK;
     if (reserve(c, triangles) != LW_OK) return LW_NO_MEMORY;
     if (LW_PI * list_triangles(r, tiles, &pose->object_to_world[object], c) > least) add(r);
@@ -275,7 +275,7 @@ enum lw_status lw_reflectors_update(struct lw_reflectors *r, const struct lw_til
 }
 
 void lw_reflectors_place(struct lw_reflectors *r, const struct lw_tiles *tiles) {
-    for (uint32_t i = 0; i < r->count; i++) place(&r->list[i], tiles);
+    for (uint32_t i = 0; i < r->count; i++) bound_tiles(&r->list[i], tiles);
 }
 
 /* ---- what packets ask ---- */
