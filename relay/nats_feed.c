@@ -618,7 +618,7 @@ static size_t write_request(struct lw_nats_feed *feed, struct lw_message_held *h
     bytes[0] = (uint8_t)feed->channel[nth];
     for (bool is_full = false; !is_full;) {
         const size_t count = list_lacking(feed, nth, held, &from);
-        const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count}};
+        const struct lw_message message = {.type = LW_MESSAGE_HOLDS, .holds = {held, count, 0}};
         if (!count) break;
         if (lw_message_encode(&message, bytes + size, SYNC_SIZE_MAX - size, &written) == LW_OK)
             size += written;

@@ -447,7 +447,7 @@ static enum lw_status send_held(struct lw_relay_upstream *up, struct lw_error *e
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), version};
         if (count < HOLDS_AT_ONCE && (!count || t + 1 < map->plain_count)) continue;
-        status = send_surely(up, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count}},
+        status = send_surely(up, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count, 0}},
                              deadline_ns, err);
         count = 0;
     }

@@ -402,7 +402,7 @@ static void send_held(struct lw_load_session *s) {
             held[count++] = (struct lw_message_held){p->object, p->level,
                                                      lw_atlas_map_number(map, (lw_tile_id){t}), s->known[t]};
         if (count < LW_MESSAGE_HOLDS_MAX && (!count || t + 1 < map->tile_count)) continue;
-        send_message(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count}});
+        send_message(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, count, 0}});
         count = 0;
     }
 }

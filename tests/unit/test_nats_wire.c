@@ -79,7 +79,7 @@ static void payloads(void **state) {
     (void)state;
     const struct lw_message settled = {.type = LW_MESSAGE_SETTLED, .settled.frame = 300},
                             holds = {.type = LW_MESSAGE_HOLDS,
-                                     .holds = {&(struct lw_message_held){1, 2, 3, 4}, 1}};
+                                     .holds = {&(struct lw_message_held){1, 2, 3, 4}, 1, 0}};
     uint8_t bytes[200];
     size_t size = LW_NATS_WIRE_PREFIX_SIZE, written;
     lw_nats_wire_write_prefix(bytes, (struct lw_nats_wire_prefix){7, 0x0123456789abcdef});

@@ -291,9 +291,9 @@ static void test_what_is_held_is_not_sent(void **state) {
     s = serving_dial_again(f, &welcome);
     assert_true(welcome.run != 0);
     /* in two messages; all but the last three tiles */
-    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 5}});
-    serving_put(s,
-                &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held + 5, f->map.tile_count - 8}});
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 5, 0}});
+    serving_put(
+        s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held + 5, f->map.tile_count - 8, 0}});
     serving_ask_for_package(s, welcome.package_compressed_size);
     serving_expect_frame(s, 9, 1);
     serving_expect_tiles(s, 4, 9);
@@ -308,23 +308,23 @@ static void test_what_is_held_is_not_sent(void **state) {
     for (int i = 0; i < 4; i++) {
         s = serving_dial_again(f, &other);
         assert_int_equal(other.run, welcome.run);
-        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {&wrong[i], 1}});
+        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {&wrong[i], 1, 0}});
         serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
     }
     /* too late; without the feature */
     s = serving_dial_again(f, &other);
     serving_ask_for_package(s, welcome.package_compressed_size);
-    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1}});
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1, 0}});
     serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
     s = serving_dial_and_greet(f);
-    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1}});
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1, 0}});
     serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
     serving_end(f);
     /* before there is light nobody has any */
     f = serving_start(&(struct lw_server_desc){0});
     s = serving_dial_again(f, &other);
     assert_int_not_equal(other.run, welcome.run);
-    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1}});
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {held, 1, 0}});
     serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
     serving_end(f);
 }

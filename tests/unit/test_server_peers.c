@@ -57,7 +57,7 @@ static size_t write_script(uint8_t *dst, size_t capacity, uint64_t package_compr
     const struct lw_message script[] = {
         serving_hello_again,
         {.type = LW_MESSAGE_INTEREST, .interest = {.stand_ins = true, .tile = wanted, .tile_count = 2}},
-        {.type = LW_MESSAGE_HOLDS, .holds = {held, 2}},
+        {.type = LW_MESSAGE_HOLDS, .holds = {held, 2, 0}},
         {.type = LW_MESSAGE_PING, .ping.token = SERVING_CLIENT_TOKEN},
         {.type = LW_MESSAGE_PACKAGE_REQUEST, .package_request.offset = package_compressed_size},
         {.type = LW_MESSAGE_INTEREST, .interest.everything = true},

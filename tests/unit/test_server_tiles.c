@@ -142,7 +142,7 @@ static void test_deltas_to_catch_up(void **state) {
         int s = serving_dial_again(f, &welcome);
         serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                             .interest = {.tile = wanted, .tile_count = 1}});
-        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1}});
+        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1, 0}});
         serving_ask_for_package(s, welcome.package_compressed_size);
         serving_expect_frame(s, FRAMES, 1);
         for (uint64_t version = held + 1; version <= FRAMES; version++) {
@@ -228,7 +228,7 @@ static void test_a_jump_to_catch_up(void **state) {
         lw_message_finish(&m);
         serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                             .interest = {.tile = wanted, .tile_count = 1}});
-        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1}});
+        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HOLDS, .holds = {tile, 1, 0}});
         serving_ask_for_package(s, end_of_package);
         serving_expect_frame(s, FRAMES, 1);
         serving_expect(s, LW_MESSAGE_TILE, &m);
