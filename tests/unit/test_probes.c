@@ -109,7 +109,7 @@ static void project(const struct lw_probe_form_ops *form, function_of_direction 
         form->add(sum, d, (const float[3]){fn(d), 2 * fn(d), 0});
     }
     for (uint32_t i = 0; i < form->sum_floats; i++) sum[i] /= (float)rays;
-    form->settle(sum, map);
+    form->to_map(sum, map);
 }
 
 static float smooth(struct lw_vec3 d) { return 3 + d.x - 0.5f * d.y * d.z + 0.7f * d.y * d.y; }
