@@ -175,16 +175,17 @@ void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
     draw_groups(d, sample, &groups);
     for (uint32_t g = 0; g < groups.count; g++) {
         const struct lw_light_choice *c = &groups.choice[g];
-        const bool is_far = g < groups.far_count;
-        if (is_far && c->light == UINT32_MAX) continue;
         lw_sampling_point(lw_random_hash2(seed, groups.draw[g].number), sample, d->set, point);
-        for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
-        if (!is_far) memset(light.e, 0, sizeof light.e);
-        if (is_far)
+        if (g >= groups.far_count) {
+            memset(light.e, 0, sizeof light.e);
+            sample_near_group(d, c->group, c->pick, point, &light);
+        } else if (c->light != UINT32_MAX) {
+            for (uint32_t lane = 0; lane < LANES; lane++) probability[lane] = c->probability;
             lw_lights_sample_near16(d->lights, c->light, probability, point[0], point[1], d->points,
                                     d->active, &light);
-        else
-            sample_near_group(d, c->group, c->pick, point, &light);
+        } else {
+            continue; /* none of the group can give anything */
+        }
         add_visible(d, &light, weight / groups.draw[g].probability);
     }
 }
