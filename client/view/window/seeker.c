@@ -2,6 +2,7 @@
 
 #include "client/lib/package_cache.h"
 #include "common/base/clock.h"
+#include "common/tile/tile_channels.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -25,25 +26,30 @@ struct lw_seeker {
     struct lw_client *client; /* the thread's until it is done */
 };
 
+enum lw_status lw_seeker_connect(const struct lw_seeker *seeker, unsigned timeout_ms,
+                                 struct lw_client **out_client, struct lw_error *err) {
+    return lw_client_create(&(struct lw_client_desc){.host = seeker->host,
+                                                     .port = seeker->port,
+                                                     .access = &seeker->access,
+                                                     .name = seeker->name,
+                                                     .timeout_ms = timeout_ms,
+                                                     .cache_folder = seeker->cache_folder,
+                                                     .wants_nothing = true,
+                                                     .budget_ns = LW_SEEKER_BUDGET_NS,
+                                                     .draws_direct = seeker->draws_direct,
+                                                     .channel_features = LW_TILE_CHANNELS_DIRECTION,
+                                                     .finer = LW_ATLAS_FINER_MAX,
+                                                     .materials = true,
+                                                     .watch = {.damaged = lw_package_cache_warn,
+                                                               .unkept = lw_package_cache_warn_unkept}},
+                            out_client, err);
+}
+
 static void *attempt(void *argument) {
     struct lw_seeker *seeker = argument;
     struct lw_error err = {0};
     struct lw_client *client = NULL;
-    if (lw_client_create(&(struct lw_client_desc){.host = seeker->host,
-                                                  .port = seeker->port,
-                                                  .access = &seeker->access,
-                                                  .name = seeker->name,
-                                                  .timeout_ms = CONNECT_TIMEOUT_MS,
-                                                  .cache_folder = seeker->cache_folder,
-                                                  .wants_nothing = true,
-                                                  .budget_ns = LW_SEEKER_BUDGET_NS,
-                                                  .draws_direct = seeker->draws_direct,
-                                                  .finer = LW_ATLAS_FINER_MAX,
-                                                  .materials = true,
-                                                  .watch = {.damaged = lw_package_cache_warn,
-                                                            .unkept = lw_package_cache_warn_unkept}},
-                         &client, &err) == LW_OK)
-        seeker->client = client;
+    if (lw_seeker_connect(seeker, CONNECT_TIMEOUT_MS, &client, &err) == LW_OK) seeker->client = client;
     atomic_store_explicit(&seeker->done, true, memory_order_release);
     return NULL;
 }

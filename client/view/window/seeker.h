@@ -16,6 +16,9 @@ struct lw_seeker;
 LW_MUST_CHECK enum lw_status lw_seeker_create(const char *host, uint16_t port, const struct lw_access *access,
                                               const char *name, const char *cache_folder, bool draws_direct,
                                               struct lw_seeker **out_seeker, struct lw_error *err);
+/** Connects at once, with the terms of all clients that it looks for. Errors: as lw_client_create(). */
+LW_MUST_CHECK enum lw_status lw_seeker_connect(const struct lw_seeker *seeker, unsigned timeout_ms,
+                                               struct lw_client **out_client, struct lw_error *err);
 /** Waits for an attempt that is under way. */
 void lw_seeker_destroy(struct lw_seeker *seeker);
 

@@ -1,12 +1,10 @@
 #include "client/view/window/window_link.h"
 
-#include "client/lib/package_cache.h"
 #include "client/paths/camera_default.h"
 #include "client/view/window/window_compare.h"
 #include "client/view/window/window_panels.h"
 #include "client/view/window/window_screen.h"
 #include "common/base/log.h"
-#include "common/tile/tile_channels.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -145,21 +143,7 @@ enum lw_status lw_window_link_connect(struct lw_window *w, uint16_t port, struct
     enum lw_status status = lw_seeker_create(o->host, port, &o->access, CLIENT_NAME, o->cache_folder,
                                              o->draws_direct, &w->seeker, err);
     if (status != LW_OK) return status;
-    return lw_client_create(&(struct lw_client_desc){.host = o->host,
-                                                     .port = port,
-                                                     .access = &o->access,
-                                                     .name = CLIENT_NAME,
-                                                     .timeout_ms = CONNECT_MS,
-                                                     .cache_folder = o->cache_folder,
-                                                     .wants_nothing = true,
-                                                     .budget_ns = LW_SEEKER_BUDGET_NS,
-                                                     .draws_direct = o->draws_direct,
-                                                     .channel_features = LW_TILE_CHANNELS_DIRECTION,
-                                                     .finer = LW_ATLAS_FINER_MAX,
-                                                     .materials = true,
-                                                     .watch = {.damaged = lw_package_cache_warn,
-                                                               .unkept = lw_package_cache_warn_unkept}},
-                            &w->incoming, err);
+    return lw_seeker_connect(w->seeker, CONNECT_MS, &w->incoming, err);
 }
 
 enum lw_status lw_window_link_await(struct lw_window *w, struct lw_error *err) {
