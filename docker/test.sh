@@ -31,8 +31,7 @@ work=${folder:-$(mktemp -d "${TMPDIR:-/var/tmp}/lightwell-docker.XXXXXX")}
 server_pid() { tr -d ' ' <"/proc/$launcher/task/$launcher/children"; }
 finish() {
     [ -z "$launcher" ] || kill -KILL "$(server_pid)" || true # with which the launcher ends
-    findmnt --noheadings --output TARGET --raw | grep -F "$work/" | sort -r |
-        xargs --no-run-if-empty umount --lazy || true
+    unmount_below "$work"
     [ -n "$folder" ] || rm -rf --one-file-system "$work"
 }
 trap finish EXIT
@@ -65,7 +64,7 @@ make_context() {
 
 stage='' root='' user='' workdir='' port='' entrypoint=() cmd=() healthcheck=() health_timeout=30
 enter=() # what goes before a command that is to run in the stage
-extra_ca=/etc/extra_ca.pem # no file of a package: the package ca-certificates writes its own anew
+extra_ca=/etc/extra_ca.pem # ca-certificates overwrites its own list of certificates, so ours is beside it
 
 stage_changed() {
     local home variable

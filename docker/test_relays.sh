@@ -1,13 +1,14 @@
 #!/bin/bash
-# Runs the services of docker/compose.relays.yaml without Docker, at their own addresses and with their own options: each in a
-# root folder, a network namespace and with the limits that its container would have. docker/test.sh has made the image.
+# Runs the services of docker/compose.relays.yaml without Docker, at their own addresses and with their own options:
+# each in a root folder, a network namespace and with the limits of its container. docker/test.sh makes the image.
 #     docker/test.sh FOLDER && docker/test_relays.sh FOLDER
-# nats-server and Prometheus are Debian's, each installed in a root folder of its own. Grafana is not in Debian: its dashboard
-# is read, and each of its queries asked of Prometheus. tests/integration/compose.mjs starts the services and looks at them.
+# nats-server and Prometheus are Debian's, each in a root folder of its own. Grafana is not in Debian: Prometheus
+# answers the queries of its dashboard. tests/integration/compose.mjs starts the services and looks at them.
 # Wants what docker/test.sh wants, and Node.js.
 set -euo pipefail
 folder=$(realpath "${1:-}")
 cd "$(dirname "$0")/.."
+. packaging/debian_root.sh
 
 die() {
     echo "docker/test_relays.sh: $1" >&2
@@ -30,8 +31,7 @@ image_user=$(sed -n 's/^USER //p' docker/Dockerfile)
 image_folder=$(sed -n 's/^WORKDIR //p' docker/Dockerfile | tail -n 1)
 work=$(mktemp -d "${TMPDIR:-/var/tmp}/lightwell-relays.XXXXXX")
 finish() {
-    findmnt --noheadings --output TARGET --raw | grep -F "$work/" | sort -r |
-        xargs --no-run-if-empty umount --lazy || true
+    unmount_below "$work"
     rm -rf --one-file-system "$work"
 }
 trap finish EXIT

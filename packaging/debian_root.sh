@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# A root folder of Debian 12, for docker/test.sh and packaging/test.sh: they read this file.
+# A root folder of Debian 12, for docker/test.sh, docker/test_relays.sh and packaging/test.sh: they read this file.
 
 # make_debian_root FOLDER TARGET OPTION...: TARGET, as small as can be, from this machine's apt sources and by its
 # proxies; OPTIONs go to mmdebstrap. FOLDER takes lists and a log. Fails with a line on stderr.
@@ -25,4 +25,10 @@ make_debian_root() {
         echo "mmdebstrap: $(cat "$folder/mmdebstrap.log")" >&2
         return 1
     fi
+}
+
+# unmount_below FOLDER: all that is mounted in it, the innermost first
+unmount_below() {
+    findmnt --noheadings --output TARGET --raw | grep -F "$1/" | sort -r |
+        xargs --no-run-if-empty umount --lazy || true
 }

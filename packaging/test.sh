@@ -37,8 +37,7 @@ work=${folder:-$(mktemp -d "${TMPDIR:-/var/tmp}/lightwell-packages.XXXXXX")}
 root=$work/root
 finish() {
     [ -z "$server" ] || kill -KILL "$server" 2>/dev/null || true
-    findmnt --noheadings --output TARGET --raw | grep -F "$work/" | sort -r |
-        xargs --no-run-if-empty umount --lazy || true
+    unmount_below "$work"
     [ -n "$folder" ] || rm -rf --one-file-system "$work"
 }
 trap finish EXIT
