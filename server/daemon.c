@@ -48,8 +48,8 @@ static enum lw_status choose_directional(struct lw_daemon *d, struct lw_error *e
     return LW_OK;
 }
 
-/* Number of tiles of finer levels that clients may list, or the solver hold, at a time. Every session that
- * reads such remembers what it has of each. */
+/* Number of tiles of finer levels that clients may list, or the solver hold, at a time. Every session with
+ * finer levels holds a version of each. */
 #define FINE_IDS_MIN 4096u
 
 static enum lw_status name_tiles(struct lw_daemon *d, struct lw_error *err) {

@@ -18,7 +18,7 @@
 /** Builds the solver of the coarse scene.
  * entry   of a solver with finer levels, as the cell solver is
  * desc    of the whole scene, and as many fine_tiles as are to be held, of level 0 and of finer levels, above
- *         0. Its saved texels are read here. What else it points to outlives the solver
+ *         0. Its saved texels are read here. Its other pointers outlive the solver
  * Errors  as entry->create() */
 LW_MUST_CHECK enum lw_status lw_sparse_solver_create(const struct lw_solvers_entry *entry,
                                                      const struct lw_solver_desc *desc,

@@ -5,8 +5,8 @@
  *
  * The file (common/base/checked_file.h): a header, then what invalid_texels.h finds of each texel, plane by
  * plane, each compressed by zstd. It is for the texels, objects and instruction set that it was made of
- * alone; the header holds a hash of them. What it says is checked before it is taken: a file that was made to
- * deceive gives wrong light, and nothing else. */
+ * alone; the header holds a hash of them. Each value is checked before it is used: a hostile file
+ * gives wrong light, and nothing else. */
 #ifndef LW_SURFACE_SAVED_TEXELS_H
 #define LW_SURFACE_SAVED_TEXELS_H
 
