@@ -438,9 +438,11 @@ static void test_memory_does_no_harm(void **state) {
  * the mean over a region by 1/8. */
 static bool wakes(float each) {
     struct lw_packet packet[LW_PACKETS_MAX];
+    struct lw_change_packet change[LW_PACKETS_MAX] = {0};
     struct lw_solve_block block = {.covered_count = 256,
                                    .packet = packet,
                                    .packet_count = LW_PACKETS_MAX,
+                                   .change = {.packet = change},
                                    .state = LW_BLOCK_CONVERGED,
                                    .weight = {1, 1, 1, 1},
                                    .reference_luminance = 1};

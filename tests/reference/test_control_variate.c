@@ -273,7 +273,7 @@ static void test_what_may_be_missed(void **state) {
         LW_TILES_EACH_BLOCK (lit.tile, block) {
             block->change.direct = lw_change_all_packets(block);
             block->noise[LW_TILES_DIRECT] = noisy ? 1 : 0;
-            memset(block->change.packet, 0, sizeof block->change.packet);
+            memset(block->change.packet, 0, block->packet_count * sizeof *block->change.packet);
             for (uint32_t set = 0; block != lit.block && set < block->packet_count; set++) {
                 lw_ray_launch_init(&launch, lit.tile, block, set);
                 lw_control_variate_direct(lit.tiles, lit.tile, block, set, &launch, off, NULL);

@@ -272,7 +272,7 @@ void lw_gradient_note_staleness(struct lw_solve_block *block) {
     const struct off off = add_up(block, lw_change_all_packets(block));
     LW_INVARIANT_DEAR(is_staleness(off.indirect));
     memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
-    memset(change->packet, 0, sizeof change->packet);
+    memset(change->packet, 0, block->packet_count * sizeof *change->packet);
     change->verified = change->told = 0;
 }
 
@@ -391,7 +391,7 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     change->staleness_direct = off.direct * (1 - weight);
     LW_INVARIANT_DEAR(change->staleness_direct >= 0 && is_staleness(off.indirect));
     memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
-    memset(change->packet, 0, sizeof change->packet);
+    memset(change->packet, 0, block->packet_count * sizeof *change->packet);
     change->moving = moves != change->solved_moves;
     LW_INVARIANT(moves >= change->solved_moves); /* movements are counted up */
     change->moves = change->solved_moves = moves;

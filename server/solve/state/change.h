@@ -42,7 +42,8 @@ enum lw_change_verified {
 };
 
 struct lw_change_block {
-    struct lw_change_packet packet[LW_PACKETS_MAX]; /* last comparison since the block was solved, or 0 */
+    /* One for each packet of the block: last comparison since the block was solved, or 0. */
+    struct lw_change_packet *packet;
     /* Sets of packets, one bit each: */
     uint16_t compare;               /* verified in this frame */
     uint16_t retrace;               /* verified in this frame with new rays */

@@ -120,8 +120,9 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
     return tiles->texel_capacity *
                lw_tiles_texel_bytes(tiles->bounces, tiles->drawn[0] != NULL, tiles->moment[0][0] != NULL) +
            tiles->capacity * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
-           tiles->block_capacity * (sizeof *tiles->block + LW_PACKETS_MAX * sizeof *tiles->packet +
-                                    tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]);
+           tiles->block_capacity * (sizeof *tiles->block +
+                                    tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]) +
+           tiles->packet_capacity * (sizeof *tiles->packet + sizeof *tiles->change_packet);
 }
 
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
@@ -252,19 +253,41 @@ static void hash_blocks(const struct lw_tiles *tiles, const struct lw_solve_tile
 
 static uint32_t blocks_along(uint32_t texels) { return (texels + LW_TILE_BLOCK - 1) / LW_TILE_BLOCK; }
 
-/* Begins the blocks of a tile whose texels are known, without light. */
-static void begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile) {
+/* Packets that the texels of a block could fill. */
+static uint32_t packets_in(const struct lw_solve_tile *tile, uint32_t block) {
+    const uint32_t width = side_of(block % tile->block_columns, tile->width),
+                   height = side_of(block / tile->block_columns, tile->height);
+    return (width * height + LW_TRACE_WIDTH - 1) / LW_TRACE_WIDTH;
+}
+
+/* The same for all blocks of a tile. */
+static size_t packets_of(const struct lw_tile_place *place) {
+    const struct lw_solve_tile tile = {.width = place->width,
+                                       .height = place->height,
+                                       .block_columns = blocks_along(place->width),
+                                       .block_rows = blocks_along(place->height)};
+    size_t packets = 0;
+    for (uint32_t b = 0; b < tile.block_columns * tile.block_rows; b++) packets += packets_in(&tile, b);
+    return packets;
+}
+
+/* Begins the blocks of a tile whose texels are known, without light. first_packet: the first of its own. */
+static void begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile, size_t first_packet) {
+    size_t packet = first_packet;
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
         tiles->block_of_texel[tile->first + i] =
             (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
     bound_tile(tile, tiles->covered);
     LW_TILES_EACH_BLOCK (tile, block) {
         block->tile_id = tile->id.v;
-        block->packet = tiles->packet + (size_t)(block - tiles->block) * LW_PACKETS_MAX;
+        block->packet = tiles->packet + packet;
+        block->change.packet = tiles->change_packet + packet;
+        packet += packets_in(tile, (uint32_t)(block - tile->block));
         block->error = 1;
         block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
         block->state = block->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
     }
+    LW_INVARIANT(packet <= tiles->packet_capacity);
     tile->light.state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
 }
 
@@ -284,22 +307,27 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         if (map->place[id].level != 0) continue;
         tiles->count++;
         tiles->block_count += blocks_along(map->place[id].width) * blocks_along(map->place[id].height);
+        tiles->packet_count += packets_of(&map->place[id]);
     }
     tiles->level0_count = tiles->count;
     tiles->capacity = tiles->count + lw_tiles_fine_slots(tiles);
     tiles->block_capacity = tiles->block_count + lw_tiles_fine_slots(tiles) * FINE_BLOCKS;
+    tiles->packet_capacity =
+        tiles->packet_count + (size_t)lw_tiles_fine_slots(tiles) * FINE_BLOCKS * LW_PACKETS_MAX;
     tiles->tile = calloc((size_t)tiles->capacity + 1, sizeof *tiles->tile);
     tiles->block = calloc((size_t)tiles->block_capacity + 1, sizeof *tiles->block);
     tiles->block_of_texel = malloc(((size_t)tiles->texel_capacity + 1) * sizeof *tiles->block_of_texel);
     tiles->region_of_texel = malloc((size_t)tiles->texel_capacity + 1);
     tiles->slot_of_id = malloc(((size_t)map->tile_count + 1) * sizeof *tiles->slot_of_id);
-    tiles->packet = malloc(((size_t)tiles->block_capacity * LW_PACKETS_MAX + 1) * sizeof *tiles->packet);
-    if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->block_of_texel ||
+    tiles->packet = malloc((tiles->packet_capacity + 1) * sizeof *tiles->packet);
+    tiles->change_packet = calloc(tiles->packet_capacity + 1, sizeof *tiles->change_packet);
+    if (!tiles->tile || !tiles->block || !tiles->packet || !tiles->change_packet || !tiles->block_of_texel ||
         !tiles->region_of_texel || !tiles->slot_of_id || !allocate_sums(tiles)) {
         lw_tiles_finish(tiles);
         return LW_NO_MEMORY;
     }
     uint32_t n = 0, blocks = 0;
+    size_t packets = 0;
     for (uint32_t id = 0; id < map->tile_count; id++) tiles->slot_of_id[id] = UINT32_MAX;
     for (uint32_t id = 0; id < map->plain_count; id++) {
         const struct lw_tile_place *place = &map->place[id];
@@ -321,9 +349,10 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->first = texels->first[place->object] + tile->local;
         tile->changes = texels->changes[place->object];
         blocks += tile->block_columns * tile->block_rows;
-        begin_tile(tiles, tile);
+        begin_tile(tiles, tile, packets);
+        packets += packets_of(place);
     }
-    LW_INVARIANT(n == tiles->count && blocks == tiles->block_count);
+    LW_INVARIANT(n == tiles->count && blocks == tiles->block_count && packets == tiles->packet_count);
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
     for (uint32_t i = 0; i < tiles->count; i++) {
         struct lw_solve_tile *tile = &tiles->tile[i];
@@ -339,7 +368,10 @@ void lw_tiles_add_fine(struct lw_tiles *tiles, lw_tile_id id, const struct lw_ti
                  tiles->count < tiles->capacity && lw_atlas_finer(place->level));
     struct lw_solve_block *block = tiles->block + tiles->block_count + slot * FINE_BLOCKS;
     struct lw_solve_tile *tile = &tiles->tile[tiles->count];
+    const size_t first_packet = tiles->packet_count + (size_t)slot * FINE_BLOCKS * LW_PACKETS_MAX;
     memset(block, 0, FINE_BLOCKS * sizeof *block);
+    memset(tiles->change_packet + first_packet, 0,
+           FINE_BLOCKS * LW_PACKETS_MAX * sizeof *tiles->change_packet);
     *tile = (struct lw_solve_tile){.id = id,
                                    .object = place->object,
                                    .x = place->x,
@@ -355,7 +387,7 @@ void lw_tiles_add_fine(struct lw_tiles *tiles, lw_tile_id id, const struct lw_ti
                                    .fine_slot = slot,
                                    .light = {.error = 1},
                                    .changes = tiles->changes[place->object]};
-    begin_tile(tiles, tile);
+    begin_tile(tiles, tile, first_packet);
     deal_blocks(tiles, tile);
     hash_blocks(tiles, tile);
     tiles->slot_of_id[id.v] = tiles->count++;
@@ -371,10 +403,12 @@ void lw_tiles_remove_fine(struct lw_tiles *tiles, lw_tile_id id) {
 }
 
 static void begin_block(struct lw_solve_block *block) {
+    struct lw_change_packet *packet = block->change.packet;
     block->unseen = false;
     block->sample_count = 0;
     block->direct = block->indirect = (struct lw_history){0};
-    block->change = (struct lw_change_block){0};
+    memset(packet, 0, block->packet_count * sizeof *packet);
+    block->change = (struct lw_change_block){.packet = packet};
     block->variance = block->luminance = 0;
     block->noise[LW_TILES_DIRECT] = block->noise[LW_TILES_INDIRECT] = -1;
     block->error = 1;
@@ -427,6 +461,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     free(tiles->slot_of_id);
     free(tiles->block_of_texel);
     free(tiles->region_of_texel);
+    free(tiles->change_packet);
     free(tiles->packet);
     free(tiles->block);
     free(tiles->tile);
@@ -446,8 +481,11 @@ void lw_tiles_take_radiance(struct lw_tiles *tiles, const struct lw_tiles *from,
 
 static void take_block(struct lw_solve_block *block, const struct lw_solve_block *from) {
     struct lw_packet *packet = block->packet; /* packets are equal, and lie elsewhere */
+    struct lw_change_packet *change = block->change.packet;
     *block = *from;
     block->packet = packet;
+    block->change.packet = change;
+    memcpy(change, from->change.packet, from->packet_count * sizeof *change);
 }
 
 static void take_planes(const struct plane *to, const struct plane *from, uint32_t planes,

@@ -121,14 +121,17 @@ struct lw_solve_tile {
 
 struct lw_tiles {
     uint32_t count, id_count, bounces, texel_count; /* id_count: number of lw_tile_ids in the scene */
-    /* texel_count, block_count and level0_count are for level 0 alone. Texels, blocks and tiles of finer
-     * levels lie behind them in the arrays, up to the capacities. */
+    /* texel_count, block_count, packet_count and level0_count are for level 0 alone. Texels, blocks, packets
+     * and tiles of finer levels lie behind them in the arrays, up to the capacities. */
     uint32_t level0_count, capacity, texel_capacity, block_capacity;
     struct lw_solve_tile *tile;   /* sorted by cell: the order of solving */
     uint32_t *slot_of_id;         /* lw_tile_id -> index into tile, or UINT32_MAX: it is not solved as such */
     struct lw_solve_block *block; /* all tiles' blocks, by tile id */
     uint32_t block_count;
-    struct lw_packet *packet; /* LW_PACKETS_MAX for each block */
+    /* Of all blocks, one after another: as many for each as its texels could fill. */
+    struct lw_packet *packet;
+    struct lw_change_packet *change_packet; /* of each packet */
+    size_t packet_count, packet_capacity;
     uint32_t *block_of_texel; /* index into block */
     uint8_t *region_of_texel; /* (regions.h) */
     float *direct[3];         /* mean E of bounce 0 per texel, W/m^2 */
