@@ -37,13 +37,14 @@ static void drop_oldest(struct lw_deltas_of_tile *of, uint32_t count) {
         lw_blob_unref(of->base[i].jump);
     }
     of->count -= count;
-    memmove(of->base, of->base + count, of->count * sizeof of->base[0]);
+    if (count) memmove(of->base, of->base + count, of->count * sizeof of->base[0]);
 }
 
 static void free_tiles(struct lw_deltas_of_tile *tile, uint32_t tile_count) {
     for (uint32_t t = 0; tile && t < tile_count; t++) {
         drop_oldest(&tile[t], tile[t].count);
         lw_blob_unref(tile[t].whole);
+        free(tile[t].base);
     }
     free(tile);
 }
@@ -63,8 +64,10 @@ static bool is_ascending(const struct lw_deltas_of_tile *of) {
 
 static void add(struct lw_deltas_of_tile *of, uint64_t version, struct lw_blob *whole, uint64_t base,
                 struct lw_blob *delta) {
-    const bool goes_on = delta && of->whole && of->version == base;
+    bool goes_on = delta && of->whole && of->version == base;
     LW_INVARIANT(version > of->version);
+    /* without memory for the way there is none */
+    if (goes_on && !of->base) goes_on = (of->base = malloc(LW_DELTAS_KEPT * sizeof *of->base)) != NULL;
     forget_jumps(of);
     if (!goes_on)
         drop_oldest(of, of->count);
@@ -88,6 +91,7 @@ void lw_deltas_add(struct lw_deltas *deltas, uint32_t tile, const struct lw_snap
 static void begin_life(struct lw_deltas_of_tile *of) {
     drop_oldest(of, of->count);
     lw_blob_unref(of->whole);
+    free(of->base);
     *of = (struct lw_deltas_of_tile){.life = of->life + 1};
 }
 
@@ -142,7 +146,7 @@ static bool wait_for_coarse(struct lw_deltas *deltas, uint32_t tile) {
 static enum lw_deltas_way next_of(struct lw_deltas *deltas, uint32_t tile, uint64_t from, bool coarse,
                                   struct lw_delta *out_delta) {
     struct lw_deltas_of_tile *of = coarse ? &deltas->coarse[tile] : &deltas->tile[tile];
-    struct lw_delta_base *base = find(of, from), *end = of->base + of->count;
+    struct lw_delta_base *base = find(of, from), *end = base ? of->base + of->count : NULL;
     LW_INVARIANT_DEAR(of->version >= from); /* ways lead to newer versions */
     if (wait_for_jump(deltas, tile, coarse, base)) return LW_DELTAS_WAIT;
     size_t chain = 0;

@@ -26,13 +26,14 @@ struct lw_deltas {
         uint64_t asked,
             known; /* coarse forms: the last version that the transcoder was asked for, and has answered */
         uint32_t count;
+        /* Room for LW_DELTAS_KEPT, each the version before the next; NULL: there never was any. */
         struct lw_delta_base {
             uint64_t version;
             struct lw_blob *whole; /* this version's */
             struct lw_blob *delta; /* to the next of these, from the last one to the newest */
             struct lw_blob *jump;  /* to the newest; NULL: not made, or of no use */
             bool is_asked, is_known;
-        } base[LW_DELTAS_KEPT]; /* each the version before the next */
+        } * base;
     } * tile, *coarse;
 };
 

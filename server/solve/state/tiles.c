@@ -120,8 +120,8 @@ size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
     return tiles->texel_capacity *
                lw_tiles_texel_bytes(tiles->bounces, tiles->drawn[0] != NULL, tiles->moment[0][0] != NULL) +
            tiles->capacity * sizeof *tiles->tile + tiles->id_count * sizeof *tiles->slot_of_id +
-           tiles->block_capacity * (sizeof *tiles->block +
-                                    tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]) +
+           tiles->block_capacity *
+               (sizeof *tiles->block + tiles->bounces * LW_REGIONS * sizeof *tiles->radiance_change[0]) +
            tiles->packet_capacity * (sizeof *tiles->packet + sizeof *tiles->change_packet);
 }
 
