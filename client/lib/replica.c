@@ -397,8 +397,9 @@ static enum lw_status decode(struct lw_replica *r, struct slot *slot, const stru
                                           place->width, place->height, *coefficients, r->decoded);
     slot->has_coefficients[id.v] = t->codec == LW_TILE_CODEC_DCT;
     if (slot->has_coefficients[id.v] && !*coefficients &&
-        !(*coefficients = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                        lw_tile_dct_coefficients_size(slot->is, place->height)))) {
+        !(*coefficients =
+              aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
+                            lw_tile_dct_coefficients_size(slot->is, place->width, place->height)))) {
         slot->has_coefficients[id.v] = false;
         return LW_NO_MEMORY;
     }

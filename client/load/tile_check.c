@@ -120,7 +120,7 @@ static enum lw_status decode_and_compare(struct lw_tile_check *check, const stru
     check->decoded_count++;
     if (!t->base && t->codec == LW_TILE_CODEC_DCT && !*coefficients &&
         !(*coefficients = aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                                        lw_tile_dct_coefficients_size(NULL, p->height))))
+                                        lw_tile_dct_coefficients_size(NULL, p->width, p->height))))
         return LW_NO_MEMORY;
     if (!t->base)
         status = lw_tile_codec_decode(check->codec, NULL, t->codec, t->payload, t->payload_size, t->scale,

@@ -306,15 +306,22 @@ LW_WIDE_INLINE uint32_t blocks(uint32_t texels) { return (texels + SIDE - 1) / S
 
 /* ---- coefficients that are kept ---- */
 
-LW_WIDE_INLINE uint32_t plane_coefficients(uint32_t height) { return blocks(height) * GRID * BLOCK_TEXELS; }
-
-size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t height) {
-    return planes_of(channel) * plane_coefficients(height) * sizeof(int16_t);
+LW_WIDE_INLINE uint32_t plane_coefficients(uint32_t width, uint32_t height) {
+    return blocks(width) * blocks(height) * BLOCK_TEXELS;
 }
 
-size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t height) {
+/* Where the coefficients of block (bx, by) of a plane begin. */
+LW_WIDE_INLINE uint32_t block_at(uint32_t width, uint32_t bx, uint32_t by) {
+    return (by * blocks(width) + bx) * BLOCK_TEXELS;
+}
+
+size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height) {
+    return planes_of(channel) * plane_coefficients(width, height) * sizeof(int16_t);
+}
+
+size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height) {
     return offsetof(struct lw_tile_dct_history, coefficients) +
-           lw_tile_dct_coefficients_size(channel, height);
+           lw_tile_dct_coefficients_size(channel, width, height);
 }
 
 /* ---- the means' coefficients as bits ---- */
@@ -425,7 +432,7 @@ LW_WIDE static void restore_plane(struct lw_tile_dct *dct, float *plane, uint32_
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const int16_t *coefficient = coefficients + (by * GRID + bx) * BLOCK_TEXELS;
+            const int16_t *coefficient = coefficients + block_at(width, bx, by);
             const uint8_t last = length ? dct->rans.scan[s.width][s.height][length[by * GRID + bx]] : 0;
             restore_block(dct, coefficient, dct->mean[by * SIDE + bx], step,
                           length ? 1u + last / SIDE + last % SIDE : diagonals_of(coefficient, s.height), s,
@@ -457,7 +464,7 @@ static bool get_coefficients(struct lw_tile_dct *dct, uint32_t planes, uint32_t 
         if (!get_means(&r, dct->rans.scan[across][down], across * down, kind, grid[p])) return false;
         for (uint32_t by = 0; by < down; by++)
             for (uint32_t bx = 0; bx < across; bx++)
-                coefficient[p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS] =
+                coefficient[p * plane_coefficients(width, height) + block_at(width, bx, by)] =
                     kept_of(grid[p][by * SIDE + bx]);
     }
     return lw_tile_bits_is_at_end(&r, rest_size > rest_free ? 7 : 8 * rest_free);
@@ -473,7 +480,7 @@ LW_WIDE static bool add_change(const struct lw_tile_dct *dct, uint32_t planes, c
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 const uint32_t n = length[(p * GRID + by) * GRID + bx],
-                               b = p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS;
+                               b = p * plane_coefficients(width, height) + block_at(width, bx, by);
                 grid[p][by * SIDE + bx] += kept[b];
                 outside[0] |= grid[p][by * SIDE + bx] != kept_of(grid[p][by * SIDE + bx]);
                 for (uint32_t i = b; i < b + (n ? BLOCK_TEXELS : SIDE); i += SIDE) {
@@ -523,7 +530,7 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, const struct lw_tile_channel *c
         return false;
     for (uint32_t p = 0; p < planes; p++)
         restore_plane(dct, dct->plane[p], width, height, step_of(src[1]),
-                      coefficient + p * plane_coefficients(height), grid[p],
+                      coefficient + p * plane_coefficients(width, height), grid[p],
                       is_delta ? NULL : length + p * GRID * GRID);
     if (is_plain(channel)) {
         put_plain(dct, channel, width, height, scale, rgb);
@@ -693,7 +700,7 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
     for (uint32_t by = 0; by < down; by++)
         for (uint32_t bx = 0; bx < across; bx++) {
             const struct span s = span_of(bx, by, width, height);
-            const uint32_t first = (by * GRID + bx) * BLOCK_TEXELS;
+            const uint32_t first = block_at(width, bx, by);
             forward(dct, plane + s.at, STRIDE, s.width, s.height);
             dct->mean[by * SIDE + bx] = plane[s.at];
             for (uint32_t y = 0; y < SIDE; y++) {
@@ -713,8 +720,7 @@ LW_WIDE static void quantise_plane(struct lw_tile_dct *dct, float *plane, uint32
         const whole8 row = quantise(dct->mean + by * SIDE, across, 1 / step, ROUND_MEAN, MEAN_COEFFICIENT_MAX,
                                     kept ? kept_grid + by * SIDE : NULL);
         memcpy(grid + by * SIDE, &row, sizeof row);
-        for (uint32_t bx = 0; bx < across; bx++)
-            coefficient[(by * GRID + bx) * BLOCK_TEXELS] = kept_of(row[bx]);
+        for (uint32_t bx = 0; bx < across; bx++) coefficient[block_at(width, bx, by)] = kept_of(row[bx]);
     }
 }
 
@@ -724,7 +730,7 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, uint32_t planes, const 
                                 const int16_t *to, uint32_t width, uint32_t height,
                                 int32_t grid[PLANES][BLOCK_TEXELS]) {
     short8 outside = {0};
-    for (uint32_t i = 0; i < planes * plane_coefficients(height); i += SIDE) {
+    for (uint32_t i = 0; i < planes * plane_coefficients(width, height); i += SIDE) {
         short8 was, is;
         memcpy(&was, from + i, sizeof was);
         memcpy(&is, to + i, sizeof is);
@@ -738,7 +744,7 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, uint32_t planes, const 
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++)
                 grid[p][by * SIDE + bx] =
-                    dct->change[p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS];
+                    dct->change[p * plane_coefficients(width, height) + block_at(width, bx, by)];
     int16_t any = 0;
     for (uint32_t i = 0; i < SIDE; i++) any |= outside[i];
     return !any;
@@ -775,7 +781,7 @@ static size_t put_payload(struct lw_tile_dct *dct, uint32_t planes, uint32_t kin
 static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *source, uint32_t covered_count,
                    uint32_t q, const double sum[3], struct lw_tile_dct_history *history, uint8_t *dst,
                    uint8_t *delta_dst, struct lw_tile_dct_coded *coded) {
-    const uint32_t width = source->width, height = source->height, stride = plane_coefficients(height);
+    const uint32_t width = source->width, height = source->height, stride = plane_coefficients(width, height);
     const uint32_t planes = planes_of(source->channel);
     const bool plain = is_plain(source->channel);
     const float scale = coded->scale;
@@ -784,7 +790,7 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
         scale_plain(dct, planes, height, 1 / scale);
     else
         take_logarithms(dct, height, 1 / scale);
-    memset(dct->coefficient, 0, lw_tile_dct_coefficients_size(source->channel, height));
+    memset(dct->coefficient, 0, lw_tile_dct_coefficients_size(source->channel, width, height));
     for (uint32_t p = 0; p < planes; p++) {
         if (covered_count < width * height) fill_uncovered(dct, dct->plane[p], width, height);
         quantise_plane(dct, dct->plane[p], width, height, step_of(q),
@@ -815,7 +821,7 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
         history->q = q;
         history->scale = scale;
         memcpy(history->coefficients.coefficient, dct->coefficient,
-               lw_tile_dct_coefficients_size(source->channel, height));
+               lw_tile_dct_coefficients_size(source->channel, width, height));
     }
     return kept_mean;
 }
@@ -891,7 +897,7 @@ static bool means_of(const int16_t *coefficient, uint32_t planes, uint32_t width
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 const int16_t mean =
-                    coefficient[p * plane_coefficients(height) + (by * GRID + bx) * BLOCK_TEXELS];
+                    coefficient[p * plane_coefficients(width, height) + block_at(width, bx, by)];
                 grid[p][by * SIDE + bx] = mean;
                 fits &= mean < KEPT_MAX && mean > -KEPT_MAX;
             }

@@ -48,7 +48,7 @@ struct lw_tile_dct {
 void lw_tile_dct_init(struct lw_tile_dct *dct);
 
 /** The coefficients of a tile, kept so that a later payload can say by how much they differ: planes in
- * the order of lw_tile_dct.coefficient, each as many rows of blocks as the tile has. Coefficients beyond 16
+ * the order of lw_tile_dct.coefficient, each as many blocks as the tile has. Coefficients beyond 16
  * bits are kept as the nearest; nothing may build on such a tile. */
 struct lw_tile_dct_coefficients {
     _Alignas(64) int16_t coefficient[LW_TILE_DCT_COEFFICIENTS];
@@ -61,11 +61,11 @@ struct lw_tile_dct_history {
     struct lw_tile_dct_coefficients coefficients;
 };
 
-/** Bytes of either struct that a tile of this height uses: 24 KB for 64 texels of light. No others are
+/** Bytes of either struct that a tile of this size uses: 24 KB for 64 x 64 texels of light. No others are
  * touched, so that it may be allocated with this size (aligned_alloc(), a multiple of 64). channel: see
  * below. */
-size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t height);
-size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t height);
+size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height);
+size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height);
 
 /** Texels to be encoded, and options.
  * rgb        width * height, at most LW_TILE_SIDE each, of a float per plane

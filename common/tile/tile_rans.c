@@ -469,7 +469,7 @@ LW_WIDE static bool get_lists(struct lw_tile_rans *rans, uint32_t planes, const 
     struct lists lists;
     uint32_t count = 0, outside = 0;
     struct reader r = *reader;
-    memset(coefficient, 0, planes * (size_t)blocks(height) * GRID * PLACES * sizeof *coefficient);
+    memset(coefficient, 0, planes * (size_t)blocks(width) * blocks(height) * PLACES * sizeof *coefficient);
     for (uint32_t p = 0; p < planes; p++)
         for (uint32_t by = 0; by < blocks(height); by++)
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
@@ -481,8 +481,9 @@ LW_WIDE static bool get_lists(struct lw_tile_rans *rans, uint32_t planes, const 
                 const uint32_t n = base + raw;
                 if (n >= w * h) return false;
                 lengths[by * GRID + bx] = (uint8_t)n;
-                block[count++] = (struct block){
-                    coefficient + ((p * blocks(height) + by) * GRID + bx) * PLACES, rans->scan[w][h] + 1, n};
+                block[count++] =
+                    (struct block){coefficient + ((p * blocks(height) + by) * blocks(width) + bx) * PLACES,
+                                   rans->scan[w][h] + 1, n};
             }
     sort_lists(block, count, &lists);
     for (uint32_t lane = 1; lane < lists.lanes; lane++, r.at += 4) {
@@ -642,7 +643,8 @@ LW_WIDE static uint8_t *put_lists(struct lw_tile_rans *rans, uint32_t planes, co
             for (uint32_t bx = 0; bx < blocks(width); bx++) {
                 uint8_t *lengths = length + p * GRID * GRID;
                 const uint32_t w = at_most(width - bx * SIDE, SIDE), h = at_most(height - by * SIDE, SIDE);
-                const int16_t *coefficients = coefficient + ((p * blocks(height) + by) * GRID + bx) * PLACES;
+                const int16_t *coefficients =
+                    coefficient + ((p * blocks(height) + by) * blocks(width) + bx) * PLACES;
                 const uint8_t *scan = rans->scan[w][h] + 1;
                 const uint32_t n = length_of(rans, coefficients, scan, w * h - 1);
                 lengths[by * GRID + bx] = (uint8_t)n;

@@ -71,8 +71,8 @@ void lw_tile_rans_init(struct lw_tile_rans *rans);
 /** Writes the coefficients of a tile of width x height texels, and after them other bytes, some of which cost
  * nothing.
  * planes     of them, at most LW_TILE_CHANNEL_PLANES_MAX
- * coefficient  plane by plane, of each the blocks in rows of LW_TILE_SIDE / 8, of each its rows; the first
- *              of each block is not written, nor what lies outside the tile
+ * coefficient  plane by plane, of each the tile's blocks row by row, of each its rows; the first of each
+ *              block is not written, nor what lies outside the tile
  * rest       rest_size bytes, of which zeros at the end may be left out
  * dst        of LW_TILE_RANS_BOUND + rest_size bytes at least
  * Returns how many it wrote. */
@@ -80,7 +80,7 @@ size_t lw_tile_rans_put(struct lw_tile_rans *rans, uint32_t planes, const int16_
                         uint32_t width, uint32_t height, const uint8_t *rest, size_t rest_size, uint8_t *dst);
 
 /** Reads them. Bytes may come from outside. Returns false if no encoder writes such bytes.
- * coefficient  all of it is written, as far as the tile has rows of blocks
+ * coefficient  all of it is written, as far as the tile has blocks
  * length     of each block of each plane, LW_TILE_TEXELS_MAX / 64 a plane: how many coefficients beyond the
  *            first were in its list
  * out_rest   the other bytes, in `rans` until the next call; the first *out_rest_free of them are always

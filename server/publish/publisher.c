@@ -335,7 +335,7 @@ static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *w
                                          place->height, worker->payload, lw_tile_codec_bound(),
                                          &out_coded->size, &out_coded->scale, &out_coded->saturated);
     }
-    const size_t size = lw_tile_dct_history_size(channel->is, place->height);
+    const size_t size = lw_tile_dct_history_size(channel->is, place->width, place->height);
     if (!sent->history && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
         return LW_NO_MEMORY;
     if (!sent->version) memset(sent->history, 0, size);
@@ -722,7 +722,9 @@ static size_t channel_bytes(const struct lw_atlas_map *map, const struct channel
         if (sent->value && sent->blob)
             bytes += (size_t)map->place[t].width * map->place[t].height * 4 * channel->is->planes +
                      sent->blob->size + (sent->delta ? sent->delta->size : 0) +
-                     (sent->history ? lw_tile_dct_history_size(channel->is, map->place[t].height) : 0);
+                     (sent->history
+                          ? lw_tile_dct_history_size(channel->is, map->place[t].width, map->place[t].height)
+                          : 0);
     }
     return bytes;
 }

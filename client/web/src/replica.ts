@@ -257,7 +257,7 @@ export class Replica {
       tile.coefficients = 0;
       return this.tiles.decodeHalf(channel.planes, t.payload, t.scale, width, height);
     }
-    tile.coefficients ||= this.tiles.createCoefficients(height);
+    tile.coefficients ||= this.tiles.createCoefficients(width, height);
     return this.tiles.decode(t.base > 0n, t.payload, t.scale, width, height, tile.coefficients);
   }
 

@@ -12,7 +12,7 @@ interface Exports {
   lw_web_tiles_packed(): number;
   lw_web_tiles_alloc(size: number): number;
   lw_web_tiles_free(at: number): void;
-  lw_web_tiles_coefficients(height: number): number;
+  lw_web_tiles_coefficients(width: number, height: number): number;
   lw_web_tiles_decode(
     kind: number,
     src: number,
@@ -131,8 +131,8 @@ export class Tiles {
     this.wasm.lw_web_tiles_choose(channel.planes, channel.isSigned, channel.isPlain);
   }
 
-  createCoefficients(height: number): Coefficients {
-    const coefficients = this.wasm.lw_web_tiles_coefficients(height);
+  createCoefficients(width: number, height: number): Coefficients {
+    const coefficients = this.wasm.lw_web_tiles_coefficients(width, height);
     if (!coefficients) throw new LimitError('this page has no memory left for tiles');
     return coefficients;
   }

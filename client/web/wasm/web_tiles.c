@@ -73,11 +73,11 @@ uint32_t *EXPORT(lw_web_tiles_packed)(void) { return packed; }
 void *EXPORT(lw_web_tiles_alloc)(size_t size) { return malloc(size); }
 void EXPORT(lw_web_tiles_free)(void *bytes) { free(bytes); }
 
-/** Memory for what deltas of a tile of this channel and height build on; NULL: there is none.
+/** Memory for what deltas of a tile of this channel and size build on; NULL: there is none.
  * lw_web_tiles_free() frees it. */
-struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_coefficients)(uint32_t height) {
+struct lw_tile_dct_coefficients *EXPORT(lw_web_tiles_coefficients)(uint32_t width, uint32_t height) {
     return aligned_alloc(_Alignof(struct lw_tile_dct_coefficients),
-                         lw_tile_dct_coefficients_size(&channel, height));
+                         lw_tile_dct_coefficients_size(&channel, width, height));
 }
 
 static bool is_tile(uint32_t width, uint32_t height) {

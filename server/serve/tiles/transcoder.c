@@ -91,7 +91,7 @@ static void forget_others(struct coarse *coarse, const struct lw_transcoder_job 
 static enum lw_status encode_coarse(struct lw_transcoder *r, struct coarse *coarse,
                                     const struct lw_tile_place *place, const struct lw_message_tile *tile,
                                     struct lw_tile_dct_coded *out_coded) {
-    const size_t size = lw_tile_dct_history_size(r->channel, place->height);
+    const size_t size = lw_tile_dct_history_size(r->channel, place->width, place->height);
     enum lw_status status =
         lw_tile_codec_decode(r->codec, r->channel, tile->codec, tile->payload, tile->payload_size,
                              tile->scale, place->width, place->height, NULL, r->value);
