@@ -33,6 +33,7 @@ struct blocks {
 };
 
 struct worker {
+    struct lw_solver_room room; /* for planes that the solver does not hold */
     struct lw_tile_codec *codec;
     uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
     float value[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
@@ -204,8 +205,8 @@ static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
 }
 
 /* Brings an object's pyramid up to date with the solver; false if no frame since that one touched it. */
-static bool refresh_levels(const struct lw_publisher *p, struct channel *channel, uint32_t object,
-                           uint64_t since) {
+static bool refresh_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                           uint32_t object, uint64_t since) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     const struct lw_solver *solver = p->desc.solver;
     const uint32_t first = map->first_tile[object];
@@ -216,6 +217,7 @@ static bool refresh_levels(const struct lw_publisher *p, struct channel *channel
     for (uint32_t id = first; id < first + count; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         if (tile.solved_frame < since && channel->sent[id].version) continue;
+        if (!tile.direct[0]) solver->ops->read_planes(solver, (lw_tile_id){id}, &worker->room, &tile);
         if (channel->all_light) sum_blocks(&tile, &channel->all_light[id]);
         lw_levels_load_tile(&channel->levels[object], &map->place[id], &tile);
         changed = true;
@@ -593,7 +595,8 @@ static void refresh_channel(struct lw_publisher *p, struct channel *channel, con
     has_light |= !channel->is_published;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
-        channel->changed[o] = has_light && refresh_levels(p, channel, o, since);
+        channel->changed[o] =
+            has_light && refresh_levels(p, &p->worker[omp_get_thread_num()], channel, o, since);
         if (p->news[o] != AS_SOLVED) channel->changed[o] = p->news[o] == LIT_AGAIN;
     }
     if (has_light) channel->dark = find_dark(p->desc.atlas_map, channel, pose);

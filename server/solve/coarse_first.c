@@ -357,7 +357,8 @@ enum lw_status lw_coarse_first_create(const struct lw_solvers_entry *entry, cons
     s->whole_since = calloc(s->map->plain_count + 1ul, sizeof *s->whole_since);
     enum lw_status status = s->whole_since ? init_builder(&s->builder, desc, pose) : LW_NO_MEMORY;
     if (status == LW_OK) status = lw_coarse_scene_init(&s->coarse_scene, desc->scene);
-    if (status == LW_OK) status = lw_coarse_tiles_init(&s->tiles, s->map, &s->coarse_scene.map, threads);
+    if (status == LW_OK)
+        status = lw_coarse_tiles_init(&s->tiles, s->map, &s->coarse_scene.map, true, threads);
     if (status != LW_OK) lw_status_fail(err, status, "a coarse scene");
     if (status == LW_OK) status = build_coarse(s, desc, pose, err);
     if (status != LW_OK) {

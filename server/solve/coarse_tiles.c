@@ -8,7 +8,7 @@
 
 #define SIDE       LW_COARSE_SCENE_SIDE
 #define ALL_LIGHT  3u /* planes of all light, before those of channels */
-#define PLANES_MAX (ALL_LIGHT + LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
+#define PLANES_MAX LW_SOLVER_PLANES_MAX
 /* The coarse texels below a tile, and one around them. */
 #define PATCH_SIDE   (LW_TILE_SIDE / SIDE + 2)
 #define PATCH_TEXELS (PATCH_SIDE * PATCH_SIDE)
@@ -16,8 +16,8 @@
 static const float black[LW_TILE_TEXELS_MAX];
 
 struct lw_coarse_tiles_tile {
-    float *plane; /* all planes, one after another; NULL: nothing was interpolated yet */
-    uint8_t *covered, *filled;
+    uint8_t *covered, *filled; /* NULL: it was not updated yet */
+    float *plane;              /* all planes, one after another; NULL: they are not held */
     uint32_t sample_count, bounces;
     uint64_t solved_frame;
 };
@@ -39,9 +39,10 @@ static bool is_used(const struct lw_coarse_tiles *tiles, uint32_t id) {
 }
 
 enum lw_status lw_coarse_tiles_init(struct lw_coarse_tiles *tiles, const struct lw_atlas_map *map,
-                                    const struct lw_atlas_map *coarse_map, int threads) {
+                                    const struct lw_atlas_map *coarse_map, bool holds_planes, int threads) {
     LW_INVARIANT(map->object_count == coarse_map->object_count && threads > 0);
-    *tiles = (struct lw_coarse_tiles){.map = map, .coarse_map = coarse_map, .threads = threads};
+    *tiles = (struct lw_coarse_tiles){
+        .map = map, .coarse_map = coarse_map, .holds_planes = holds_planes, .threads = threads};
     tiles->tile = calloc(map->plain_count + 1ul, sizeof *tiles->tile);
     return tiles->tile ? LW_OK : LW_NO_MEMORY;
 }
@@ -65,9 +66,9 @@ size_t lw_coarse_tiles_memory_bytes(const struct lw_coarse_tiles *tiles) {
     size_t bytes = tiles->map->plain_count * sizeof *tiles->tile;
     for (uint32_t id = 0; id < tiles->map->plain_count; id++) {
         const struct lw_tile_place *place = &tiles->map->place[id];
-        if (tiles->tile[id].plane)
-            bytes += (size_t)place->width * place->height *
-                     (count_planes(tiles->channels) * sizeof(float) + 2 * sizeof(uint8_t));
+        const size_t planes = tiles->tile[id].plane ? count_planes(tiles->channels) : 0;
+        if (tiles->tile[id].covered)
+            bytes += (size_t)place->width * place->height * (planes * sizeof(float) + 2 * sizeof(uint8_t));
     }
     return bytes;
 }
@@ -191,35 +192,82 @@ static void interpolate_block(const struct block *block, const float *from, floa
             to[y * stride + x] = even ? value[y * SIDE + x] + shift : own;
 }
 
-static void interpolate(struct lw_coarse_tiles_tile *tile, const struct lw_tile_place *place,
-                        const struct patch *patch, uint32_t planes) {
-    const uint32_t count = (uint32_t)place->width * place->height;
-    struct block block;
-    for (block.y = 0; block.y < place->height; block.y += SIDE)
-        for (block.x = 0; block.x < place->width; block.x += SIDE) {
-            const uint32_t first = block.y * place->width + block.x;
-            block.own = (block.y / SIDE + 1) * PATCH_SIDE + block.x / SIDE + 1;
-            block.width = place->width - block.x < SIDE ? place->width - block.x : SIDE;
-            block.height = place->height - block.y < SIDE ? place->height - block.y : SIDE;
+/* The block at (x, y) of a tile, and the coarse texel that it lies in. */
+static struct block block_at(const struct lw_tile_place *place, uint32_t x, uint32_t y) {
+    return (struct block){.own = (y / SIDE + 1) * PATCH_SIDE + x / SIDE + 1,
+                          .x = x,
+                          .y = y,
+                          .width = place->width - x < SIDE ? place->width - x : SIDE,
+                          .height = place->height - y < SIDE ? place->height - y : SIDE};
+}
+
+static void mark(struct lw_coarse_tiles_tile *tile, const struct lw_tile_place *place,
+                 const struct patch *patch) {
+    for (uint32_t by = 0; by < place->height; by += SIDE)
+        for (uint32_t bx = 0; bx < place->width; bx += SIDE) {
+            const struct block block = block_at(place, bx, by);
             const bool covered = patch->covered[block.own], lit = patch->lit[block.own];
-            for (uint32_t y = 0; y < block.height; y++) {
-                memset(tile->covered + first + y * place->width, covered, block.width);
-                memset(tile->filled + first + y * place->width, lit && !covered, block.width);
+            for (uint32_t y = by; y < by + block.height; y++) {
+                memset(tile->covered + y * place->width + bx, covered, block.width);
+                memset(tile->filled + y * place->width + bx, lit && !covered, block.width);
             }
-            if (!lit) continue;
-            weigh_block(&block, patch);
-            for (uint32_t p = 0; p < planes; p++)
-                interpolate_block(&block, patch->plane[p], tile->plane + p * count + first, place->width);
         }
 }
 
-static bool allocate(struct lw_coarse_tiles_tile *tile, const struct lw_tile_place *place, uint32_t planes) {
+static void interpolate(float *plane, const struct lw_tile_place *place, const struct patch *patch,
+                        uint32_t planes) {
+    const uint32_t count = (uint32_t)place->width * place->height;
+    memset(plane, 0, planes * count * sizeof *plane);
+    for (uint32_t y = 0; y < place->height; y += SIDE)
+        for (uint32_t x = 0; x < place->width; x += SIDE) {
+            struct block block = block_at(place, x, y);
+            if (!patch->lit[block.own]) continue;
+            weigh_block(&block, patch);
+            for (uint32_t p = 0; p < planes; p++)
+                interpolate_block(&block, patch->plane[p], plane + p * count + y * place->width + x,
+                                  place->width);
+        }
+}
+
+/* Coarse tiles around a tile, as they are now. */
+struct around {
+    int64_t x0, y0; /* of the patch */
+    struct below below;
+    struct lw_solver_tile tile[4];
+    uint64_t solved_frame; /* the last of theirs */
+};
+
+static void read_around(const struct lw_coarse_tiles *tiles, const struct lw_solver *solver, uint32_t id,
+                        struct around *out) {
+    const struct lw_tile_place *place = &tiles->map->place[id];
+    out->x0 = (int64_t)place->x * LW_TILE_SIDE / SIDE - 1;
+    out->y0 = (int64_t)place->y * LW_TILE_SIDE / SIDE - 1;
+    out->below = list_below(tiles->coarse_map, place->object, out->x0, out->y0);
+    out->solved_frame = 0;
+    for (uint32_t i = 0; i < out->below.count; i++) {
+        solver->ops->read_tile(solver, out->below.id[i], &out->tile[i]);
+        if (out->tile[i].solved_frame > out->solved_frame) out->solved_frame = out->tile[i].solved_frame;
+    }
+}
+
+static void make_patch(const struct lw_coarse_tiles *tiles, const struct around *around, struct patch *out) {
+    memset(out->plane, 0, count_planes(tiles->channels) * sizeof *out->plane); /* weights of 0 read it */
+    memset(out->covered, 0, sizeof out->covered);
+    memset(out->lit, 0, sizeof out->lit);
+    for (uint32_t i = 0; i < around->below.count; i++)
+        copy_part(out, around->x0, around->y0, &around->tile[i],
+                  &tiles->coarse_map->place[around->below.id[i].v], tiles->channels);
+}
+
+static bool allocate(const struct lw_coarse_tiles *tiles, struct lw_coarse_tiles_tile *tile,
+                     const struct lw_tile_place *place) {
     const size_t count = (size_t)place->width * place->height;
-    if (tile->plane) return true;
-    tile->plane = calloc(count * planes, sizeof *tile->plane);
+    if (tile->covered) return true;
     tile->covered = calloc(2 * count, 1);
     tile->filled = tile->covered ? tile->covered + count : NULL;
-    if (tile->plane && tile->covered) return true;
+    if (tiles->holds_planes)
+        tile->plane = malloc(count * count_planes(tiles->channels) * sizeof *tile->plane);
+    if (tile->covered && (tile->plane || !tiles->holds_planes)) return true;
     forget(tile);
     return false;
 }
@@ -228,28 +276,19 @@ static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *s
                         struct patch *patch) {
     const struct lw_tile_place *place = &tiles->map->place[id];
     struct lw_coarse_tiles_tile *tile = &tiles->tile[id];
-    const int64_t x0 = (int64_t)place->x * LW_TILE_SIDE / SIDE - 1,
-                  y0 = (int64_t)place->y * LW_TILE_SIDE / SIDE - 1;
-    const struct below below = list_below(tiles->coarse_map, place->object, x0, y0);
-    struct lw_solver_tile coarse[4];
-    uint64_t solved_frame = 0;
-    for (uint32_t i = 0; i < below.count; i++) {
-        solver->ops->read_tile(solver, below.id[i], &coarse[i]);
-        if (coarse[i].solved_frame > solved_frame) solved_frame = coarse[i].solved_frame;
-    }
-    if (tile->plane && solved_frame <= tile->solved_frame) return true;
-    if (!allocate(tile, place, count_planes(tiles->channels))) return false;
-    memset(patch->plane, 0, count_planes(tiles->channels) * sizeof *patch->plane); /* weights of 0 read it */
-    memset(patch->covered, 0, sizeof patch->covered);
-    memset(patch->lit, 0, sizeof patch->lit);
+    struct around around;
+    read_around(tiles, solver, id, &around);
+    if (tile->covered && around.solved_frame <= tile->solved_frame) return true;
+    if (!allocate(tiles, tile, place)) return false;
+    make_patch(tiles, &around, patch);
     tile->sample_count = UINT32_MAX;
-    for (uint32_t i = 0; i < below.count; i++) {
-        copy_part(patch, x0, y0, &coarse[i], &tiles->coarse_map->place[below.id[i].v], tiles->channels);
-        if (coarse[i].sample_count < tile->sample_count) tile->sample_count = coarse[i].sample_count;
-    }
-    tile->bounces = coarse[0].bounces;
-    tile->solved_frame = solved_frame;
-    interpolate(tile, place, patch, count_planes(tiles->channels));
+    for (uint32_t i = 0; i < around.below.count; i++)
+        if (around.tile[i].sample_count < tile->sample_count)
+            tile->sample_count = around.tile[i].sample_count;
+    tile->bounces = around.tile[0].bounces;
+    tile->solved_frame = around.solved_frame;
+    mark(tile, place, patch);
+    if (tile->plane) interpolate(tile->plane, place, patch, count_planes(tiles->channels));
     return true;
 }
 
@@ -285,12 +324,22 @@ enum lw_status lw_coarse_tiles_update_one(struct lw_coarse_tiles *tiles, const s
     return done ? LW_OK : LW_NO_MEMORY;
 }
 
+static void set_planes(const struct lw_coarse_tiles *tiles, const float *plane, size_t count,
+                       struct lw_solver_tile *out_tile) {
+    for (int c = 0; c < 3; c++, plane += count) {
+        out_tile->direct[c] = plane;
+        out_tile->indirect[c] = black;
+    }
+    LW_TILE_CHANNELS_EACH (channel, tiles->channels)
+        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++, plane += count)
+            out_tile->shown[channel][p] = plane;
+}
+
 void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
                           struct lw_solver_tile *out_tile) {
     const struct lw_tile_place *place = &tiles->map->place[id.v];
     const struct lw_coarse_tiles_tile *tile = &tiles->tile[id.v];
-    const size_t count = (size_t)place->width * place->height;
-    LW_INVARIANT(id.v < tiles->map->plain_count && is_used(tiles, id.v) && tile->plane);
+    LW_INVARIANT(id.v < tiles->map->plain_count && is_used(tiles, id.v) && tile->covered);
     *out_tile = (struct lw_solver_tile){.covered = tile->covered,
                                         .filled = tile->filled,
                                         .width = place->width,
@@ -299,12 +348,17 @@ void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
                                         .sample_count = tile->sample_count,
                                         .solved_frame = tile->solved_frame};
     out_tile->error = lw_solver_tile_has_surface(out_tile) ? LW_ATLAS_COARSE_ERROR : 0;
-    const float *plane = tile->plane;
-    for (int c = 0; c < 3; c++, plane += count) {
-        out_tile->direct[c] = plane;
-        out_tile->indirect[c] = black;
-    }
-    LW_TILE_CHANNELS_EACH (channel, tiles->channels)
-        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++, plane += count)
-            out_tile->shown[channel][p] = plane;
+    if (tile->plane) set_planes(tiles, tile->plane, (size_t)place->width * place->height, out_tile);
+}
+
+void lw_coarse_tiles_read_planes(const struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
+                                 lw_tile_id id, struct lw_solver_room *room,
+                                 struct lw_solver_tile *read_tile) {
+    const struct lw_tile_place *place = &tiles->map->place[id.v];
+    struct around around;
+    struct patch patch;
+    read_around(tiles, solver, id.v, &around);
+    make_patch(tiles, &around, &patch);
+    interpolate(room->plane[0], place, &patch, count_planes(tiles->channels));
+    set_planes(tiles, room->plane[0], (size_t)place->width * place->height, read_tile);
 }

@@ -127,6 +127,12 @@ struct lw_solver_tile {
     bool converged;        /* it needs no frame until its light changes */
 };
 
+/** Room for planes of one tile that its solver does not hold. */
+#define LW_SOLVER_PLANES_MAX (3 + LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
+struct lw_solver_room {
+    float plane[LW_SOLVER_PLANES_MAX][LW_TILE_TEXELS_MAX];
+};
+
 /** Whether any texel has surface. */
 static inline bool lw_solver_tile_has_surface(const struct lw_solver_tile *tile) {
     return memchr(tile->covered, 1, (size_t)tile->width * tile->height) != NULL;
@@ -164,8 +170,13 @@ struct lw_solver_ops {
     uint32_t (*list_fine)(const struct lw_solver *solver, const lw_tile_id **out_tile);
     /** Whether it holds a tile of a finer level, lit or not. NULL: it holds none. */
     bool (*holds_fine)(const struct lw_solver *solver, lw_tile_id tile);
-    /** Reads a tile of level 0, or one that list_fine() lists. */
+    /** Reads a tile of level 0, or one that list_fine() lists. Where the solver does not hold its planes,
+     * `direct` is NULL. [any] between two frames */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
+    /** Works out the planes of a tile that read_tile() has read without them. They lie in `room`. NULL: the
+     * solver holds the planes of all tiles. [any] between two frames */
+    void (*read_planes)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_room *room,
+                        struct lw_solver_tile *read_tile);
     /** Saves the state between two frames. key: 16 bytes that identify the scene, the pose and those fields
      * of the desc that decide samples. target_error, frames_max and threads may differ at load(). Errors: as
      * lw_checkpoint_save(). */
@@ -179,5 +190,12 @@ struct lw_solver_ops {
     size_t (*memory_bytes)(const struct lw_solver *solver);
     void (*destroy)(struct lw_solver *solver);
 };
+
+/** Reads a tile with its planes, which hold until the next frame or the next use of `room`. */
+static inline void lw_solver_read_light(const struct lw_solver *solver, lw_tile_id id,
+                                        struct lw_solver_room *room, struct lw_solver_tile *out_tile) {
+    solver->ops->read_tile(solver, id, out_tile);
+    if (!out_tile->direct[0]) solver->ops->read_planes(solver, id, room, out_tile);
+}
 
 #endif

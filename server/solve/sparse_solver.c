@@ -152,6 +152,12 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
     if (plain && out_tile->solved_frame < tile->since) out_tile->solved_frame = tile->since;
 }
 
+static void read_planes(const struct lw_solver *solver, lw_tile_id id, struct lw_solver_room *room,
+                        struct lw_solver_tile *read_tile) {
+    const struct sparse *s = (const struct sparse *)solver;
+    lw_coarse_tiles_read_planes(&s->coarse, s->inner, id, room, read_tile);
+}
+
 static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out_tile) {
     const struct sparse *s = (const struct sparse *)solver;
     const lw_tile_id *inner;
@@ -238,6 +244,7 @@ static const struct lw_solver_ops ops = {.name = "sparse",
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,
                                          .read_tile = read_tile,
+                                         .read_planes = read_planes,
                                          .save = save,
                                          .load = load,
                                          .memory_bytes = memory_bytes,
@@ -262,7 +269,7 @@ static enum lw_status make_room(struct sparse *s, int threads) {
     if (!s->tile || !s->is_read || !s->outer || !s->listed || !s->interest) return LW_NO_MEMORY;
     for (uint32_t id = 0; id < s->map->tile_count; id++) s->tile[id].inner = NONE;
     for (uint32_t k = 0; k < room(s); k++) s->outer[k] = NONE;
-    return lw_coarse_tiles_init(&s->coarse, s->map, &s->coarse_scene.map, threads);
+    return lw_coarse_tiles_init(&s->coarse, s->map, &s->coarse_scene.map, false, threads);
 }
 
 static enum lw_status build_inner(struct sparse *s, const struct lw_solvers_entry *entry,

@@ -361,7 +361,7 @@ uint64_t lw_tile_by_tile_forecast(const struct lw_solver_desc *desc) {
 /* ---- creation ---- */
 
 static enum lw_status make_room(struct tile_by_tile *s, int threads) {
-    enum lw_status status = lw_coarse_tiles_init(&s->coarse, s->map, &s->coarse_scene.map, threads);
+    enum lw_status status = lw_coarse_tiles_init(&s->coarse, s->map, &s->coarse_scene.map, true, threads);
     s->interest = calloc(s->fine_map.tile_count + 1ul, 1);
     s->buffer = calloc(1, sizeof *s->buffer);
     s->albedo = calloc(3 * LW_TILE_TEXELS_MAX, sizeof *s->albedo);

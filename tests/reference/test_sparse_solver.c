@@ -64,9 +64,11 @@ static uint64_t step(struct room_solution *s, uint64_t from, uint32_t frames) {
     return from + frames;
 }
 
+/* Its planes hold until the next one is read. */
 static struct lw_solver_tile read(const struct room_solution *s, uint32_t id) {
+    static struct lw_solver_room room;
     struct lw_solver_tile tile;
-    s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
+    lw_solver_read_light(s->solver, (lw_tile_id){id}, &room, &tile);
     return tile;
 }
 
