@@ -192,7 +192,9 @@ enum lw_status lw_daemon_set_up_solver(struct lw_daemon *d, struct lw_error *err
                                                              .directional = d->directional,
                                                              .threads = (unsigned)s->scene.threads},
                                  &d->publisher);
-    return status == LW_OK ? LW_OK : lw_status_fail(err, status, "publisher");
+    if (status != LW_OK) return lw_status_fail(err, status, "publisher");
+    if (s->light != LW_DAEMON_LIGHT_SEEN) lw_publisher_want(d->publisher, NULL);
+    return LW_OK;
 }
 
 uint64_t lw_daemon_memory_bytes(const struct lw_daemon *d) {

@@ -144,6 +144,7 @@ static enum lw_status follow_clients(struct lw_daemon *d, struct lw_error *err) 
     d->interest = wanted.number;
     d->prepares = false;
     enum lw_status status = d->solver->ops->set_interest(d->solver, wanted.levels, err);
+    lw_publisher_want(d->publisher, wanted.levels);
     free(wanted.levels);
     return status;
 }

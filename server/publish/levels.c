@@ -54,6 +54,33 @@ void lw_levels_finish(struct lw_levels *levels) {
     *levels = (struct lw_levels){0};
 }
 
+/* The finest level that stays when levels are dropped. */
+static uint32_t kept_level(const struct lw_levels *levels) {
+    return levels->count > PLACEHOLDER_LEVEL ? PLACEHOLDER_LEVEL : levels->count - 1;
+}
+
+void lw_levels_drop(struct lw_levels *levels) {
+    for (uint32_t l = 0; levels->count && l < kept_level(levels); l++) {
+        free(levels->level[l].covered);
+        free(levels->level[l].value);
+        levels->level[l].covered = NULL;
+        levels->level[l].value = NULL;
+    }
+}
+
+enum lw_status lw_levels_restore(struct lw_levels *levels) {
+    bool ok = true;
+    for (uint32_t l = 0; levels->count && l < kept_level(levels); l++) {
+        struct lw_levels_image *image = &levels->level[l];
+        const size_t texels = (size_t)image->width * image->height;
+        if (!image->value) image->value = calloc(texels * levels->planes, sizeof *image->value);
+        if (!image->covered) image->covered = calloc(texels, 1);
+        ok &= image->value && image->covered;
+    }
+    if (!ok) lw_levels_drop(levels);
+    return ok ? LW_OK : LW_NO_MEMORY;
+}
+
 /* The compiler unrolls loops over three planes, which most channels have. */
 #define BY_PLANES(function, number, ...)                                                                     \
     ((number) == 3 ? function(3, __VA_ARGS__) : function(number, __VA_ARGS__))
@@ -289,7 +316,7 @@ void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t w
 
 void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVELS_BINS]) {
     if (!levels->count) return;
-    const uint32_t level = levels->count > PLACEHOLDER_LEVEL ? PLACEHOLDER_LEVEL : levels->count - 1;
+    const uint32_t level = kept_level(levels);
     const struct lw_levels_image *image = &levels->level[level];
     for (size_t i = 0; i < (size_t)image->width * image->height; i++)
         for (uint32_t p = 0; image->covered[i] == 1 && p < levels->planes; p++)

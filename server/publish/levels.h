@@ -34,6 +34,15 @@ LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t c
                                             const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
+/** Frees all levels but those that lw_levels_count_values() reads, and coarser ones. Before any other call but
+ * that, lw_levels_restore() makes room for them again; then all tiles of level 0 are to be loaded. */
+void lw_levels_drop(struct lw_levels *levels);
+/** Errors: LW_NO_MEMORY; they are dropped then. */
+LW_MUST_CHECK enum lw_status lw_levels_restore(struct lw_levels *levels);
+static inline bool lw_levels_are_dropped(const struct lw_levels *levels) {
+    return levels->count > 0 && !levels->level[0].value;
+}
+
 /** Copies the shown light of one level-0 tile into level 0. Load all of them before the first build. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);

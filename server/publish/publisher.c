@@ -16,7 +16,7 @@ struct sent_tile {
     uint64_t version; /* 0: never */
     float error;
     float change; /* by the last version */
-    float *value; /* width * height * planes; allocated with the tile's first version */
+    float *value; /* width * height * planes; NULL: not sent, or without state of the encoder */
     struct lw_blob *blob;
     struct lw_blob *delta; /* the same as a delta on version `base`; NULL: none */
     uint64_t base;
@@ -68,6 +68,8 @@ struct lw_publisher {
     int threads;
     struct channel *channel[LW_TILE_CHANNELS_MAX]; /* NULL: not published */
     enum news *news;                               /* per object */
+    bool *keeps_state;                             /* per object: what tiles' encoding goes on from */
+    bool is_lean;                                  /* objects that nobody looks at keep none */
     uint64_t *unlit;         /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
     struct worker *worker;   /* per thread */
     struct lw_pose previous; /* the last one published */
@@ -86,6 +88,14 @@ static void forget_sent(struct sent_tile *sent) {
     *sent = (struct sent_tile){0};
 }
 
+/* What encoding goes on from. The next version is sent whole. */
+static void drop_state(struct sent_tile *sent) {
+    free(sent->value);
+    free(sent->history);
+    sent->value = NULL;
+    sent->history = NULL;
+}
+
 static void destroy_channel(const struct lw_atlas_map *map, struct channel *channel) {
     if (!channel) return;
     for (uint32_t o = 0; channel->levels && o < map->object_count; o++) lw_levels_finish(&channel->levels[o]);
@@ -98,7 +108,7 @@ static void destroy_channel(const struct lw_atlas_map *map, struct channel *chan
     free(channel);
 }
 
-static enum lw_status create_channel(const struct lw_atlas_map *map, uint32_t number,
+static enum lw_status create_channel(const struct lw_atlas_map *map, const bool *keeps_state, uint32_t number,
                                      struct channel **out_channel) {
     struct channel *channel = calloc(1, sizeof *channel);
     if (!channel) return LW_NO_MEMORY;
@@ -113,8 +123,10 @@ static enum lw_status create_channel(const struct lw_atlas_map *map, uint32_t nu
         channel->levels && channel->sent && channel->changed && (channel->all_light || !is_part)
             ? LW_OK
             : LW_NO_MEMORY;
-    for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
+    for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
         status = lw_levels_init(&channel->levels[o], number, &map->atlas[o]);
+        if (status == LW_OK && !keeps_state[o]) lw_levels_drop(&channel->levels[o]);
+    }
     if (status == LW_OK)
         *out_channel = channel;
     else
@@ -129,7 +141,8 @@ enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channe
         channels |= lw_tile_channel_bit(lw_tile_channel_at(moment)->follows);
     enum lw_status status = LW_OK;
     for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
-        if (channels >> f & 1 && !p->channel[f]) status = create_channel(p->desc.atlas_map, f, &made[f]);
+        if (channels >> f & 1 && !p->channel[f])
+            status = create_channel(p->desc.atlas_map, p->keeps_state, f, &made[f]);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         if (status != LW_OK) {
             destroy_channel(p->desc.atlas_map, made[f]);
@@ -144,6 +157,29 @@ enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channe
     return status;
 }
 
+/* Of the encoder for all plain tiles of a channel, about. */
+static uint64_t state_bytes(const struct lw_atlas_map *map) {
+    uint64_t texels = 0;
+    for (uint32_t id = 0; id < map->plain_count; id++)
+        texels += (uint64_t)map->place[id].width * map->place[id].height;
+    return texels *
+           (sizeof(float[3]) + 1 + sizeof(float[3]) + sizeof(int16_t[3])); /* levels, value, history */
+}
+
+void lw_publisher_want(struct lw_publisher *p, const uint8_t *levels) {
+    const struct lw_atlas_map *map = p->desc.atlas_map;
+    if (!p->is_lean) return;
+    for (uint32_t o = 0; o < map->object_count; o++) p->keeps_state[o] = !levels;
+    for (uint32_t id = 0; levels && id < map->tile_count; id++)
+        if (levels[id]) p->keeps_state[map->place[id].object] = true;
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
+        for (uint32_t o = 0; p->channel[f] && o < map->object_count; o++)
+            if (!p->keeps_state[o]) lw_levels_drop(&p->channel[f]->levels[o]);
+        for (uint32_t id = 0; p->channel[f] && id < map->plain_count; id++)
+            if (!p->keeps_state[map->place[id].object]) drop_state(&p->channel[f]->sent[id]);
+    }
+}
+
 enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
                                    struct lw_publisher **out_publisher) {
     struct lw_publisher *p = calloc(1, sizeof *p);
@@ -154,9 +190,13 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     p->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     p->news = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->news);
     p->unlit = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->unlit);
+    p->keeps_state = calloc((size_t)desc->atlas_map->object_count + 1, sizeof *p->keeps_state);
+    if (!(p->desc.state_max > 0)) p->desc.state_max = LW_PUBLISHER_STATE_MAX;
+    p->is_lean = state_bytes(desc->atlas_map) > p->desc.state_max;
     p->worker = calloc((size_t)p->threads, sizeof *p->worker);
     enum lw_status status = LW_NO_MEMORY;
-    if (!p->news || !p->unlit || !p->worker) goto fail;
+    if (!p->news || !p->unlit || !p->keeps_state || !p->worker) goto fail;
+    for (uint32_t o = 0; o < desc->atlas_map->object_count; o++) p->keeps_state[o] = !p->is_lean;
     if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
     for (int i = 0; i < p->threads; i++) {
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
@@ -182,6 +222,7 @@ void lw_publisher_destroy(struct lw_publisher *p) {
     }
     lw_pose_finish(&p->previous);
     free(p->worker);
+    free(p->keeps_state);
     free(p->unlit);
     free(p->news);
     free(p);
@@ -204,22 +245,71 @@ static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
     }
 }
 
+/* Ids of an object's tiles of level 0, from the first up to but without the last. */
+struct tile_range {
+    uint32_t first, end;
+};
+
+static struct tile_range level0_of(const struct lw_atlas_map *map, uint32_t object) {
+    const uint32_t first = map->first_tile[object];
+    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
+    LW_INVARIANT(first + count <= map->tile_count);
+    return (struct tile_range){first, first + count};
+}
+
+static void load_tile(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                      uint32_t id, struct lw_solver_tile *tile) {
+    const struct lw_tile_place *place = &p->desc.atlas_map->place[id];
+    const struct lw_solver *solver = p->desc.solver;
+    if (!tile->direct[0]) solver->ops->read_planes(solver, (lw_tile_id){id}, &worker->room, tile);
+    if (channel->all_light) sum_blocks(tile, &channel->all_light[id]);
+    lw_levels_load_tile(&channel->levels[place->object], place, tile);
+}
+
+/* Whether a frame since that one has touched an object, or it was never sent. */
+static bool is_touched(const struct lw_publisher *p, const struct channel *channel, uint32_t object,
+                       uint64_t since) {
+    const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
+    for (uint32_t id = tiles.first; id < tiles.end; id++) {
+        struct lw_solver_tile tile;
+        p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
+        if (tile.solved_frame >= since || !channel->sent[id].version) return true;
+    }
+    return false;
+}
+
+/* Makes the pyramid of an object that has dropped it. */
+static enum lw_status restore_levels(const struct lw_publisher *p, struct worker *worker,
+                                     struct channel *channel, uint32_t object) {
+    const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
+    const enum lw_status status = lw_levels_restore(&channel->levels[object]);
+    for (uint32_t id = tiles.first; status == LW_OK && id < tiles.end; id++) {
+        struct lw_solver_tile tile;
+        p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
+        load_tile(p, worker, channel, id, &tile);
+    }
+    if (status == LW_OK && tiles.first < tiles.end) lw_levels_build(&channel->levels[object]);
+    return status;
+}
+
 /* Brings an object's pyramid up to date with the solver; false if no frame since that one touched it. */
 static bool refresh_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
                            uint32_t object, uint64_t since) {
-    const struct lw_atlas_map *map = p->desc.atlas_map;
+    const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
     const struct lw_solver *solver = p->desc.solver;
-    const uint32_t first = map->first_tile[object];
-    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
     struct lw_solver_tile tile;
     bool changed = false;
-    LW_INVARIANT(first + count <= map->tile_count);
-    for (uint32_t id = first; id < first + count; id++) {
+    if (worker->status != LW_OK) return false;
+    if (lw_levels_are_dropped(&channel->levels[object])) {
+        if (!is_touched(p, channel, object, since)) return false;
+        worker->status = restore_levels(p, worker, channel, object);
+        if (!p->keeps_state[object]) lw_levels_drop(&channel->levels[object]);
+        return worker->status == LW_OK;
+    }
+    for (uint32_t id = tiles.first; id < tiles.end; id++) {
         solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
         if (tile.solved_frame < since && channel->sent[id].version) continue;
-        if (!tile.direct[0]) solver->ops->read_planes(solver, (lw_tile_id){id}, &worker->room, &tile);
-        if (channel->all_light) sum_blocks(&tile, &channel->all_light[id]);
-        lw_levels_load_tile(&channel->levels[object], &map->place[id], &tile);
+        load_tile(p, worker, channel, id, &tile);
         changed = true;
     }
     if (changed) lw_levels_build(&channel->levels[object]);
@@ -228,10 +318,8 @@ static bool refresh_levels(const struct lw_publisher *p, struct worker *worker, 
 
 /* Whether all of an object has been solved since a frame. */
 static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since) {
-    const struct lw_atlas_map *map = p->desc.atlas_map;
-    const uint32_t first = map->first_tile[object];
-    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
-    for (uint32_t id = first; id < first + count; id++) {
+    const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
+    for (uint32_t id = tiles.first; id < tiles.end; id++) {
         struct lw_solver_tile tile;
         p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
         if ((tile.solved_frame < since || !tile.sample_count) && lw_solver_tile_has_surface(&tile))
@@ -256,9 +344,8 @@ static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint3
 
 static void count_blocks(const struct lw_atlas_map *map, const struct channel *channel, uint32_t object,
                          uint64_t bin[LW_LEVELS_BINS]) {
-    const uint32_t first = map->first_tile[object];
-    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
-    for (uint32_t id = first; id < first + count; id++) {
+    const struct tile_range tiles = level0_of(map, object);
+    for (uint32_t id = tiles.first; id < tiles.end; id++) {
         const struct blocks *blocks = &channel->all_light[id];
         for (size_t b = 0; b < sizeof blocks->covered / sizeof *blocks->covered; b++)
             for (int c = 0; blocks->covered[b] && c < 3; c++)
@@ -329,7 +416,7 @@ static float find_difference(const float *now, const float *then, size_t count, 
 
 static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *worker,
                                   const struct channel *channel, struct sent_tile *sent,
-                                  const struct lw_tile_place *place, float error,
+                                  const struct lw_tile_place *place, bool keeps_state, float error,
                                   struct lw_tile_dct_coded *out_coded) {
     if (p->desc.codec != LW_TILE_CODEC_DCT) {
         out_coded->delta_size = 0;
@@ -338,9 +425,10 @@ static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *w
                                          &out_coded->size, &out_coded->scale, &out_coded->saturated);
     }
     const size_t size = lw_tile_dct_history_size(channel->is, place->width, place->height);
-    if (!sent->history && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
+    const bool begins = keeps_state && !sent->history;
+    if (begins && !(sent->history = aligned_alloc(_Alignof(struct lw_tile_dct_history), size)))
         return LW_NO_MEMORY;
-    if (!sent->version) memset(sent->history, 0, size);
+    if (sent->history && (begins || !sent->version)) memset(sent->history, 0, size);
     const float step = lw_publisher_step(
         error, p->desc.noise_shown, lw_atlas_finer(place->level) ? 0 : place->level, p->desc.step_widest);
     return lw_tile_codec_encode_dct(
@@ -383,10 +471,12 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     struct sent_tile *sent = &channel->sent[id.v];
     const size_t floats = (size_t)place->width * place->height * channel->is->planes;
-    if (!sent->value && !(sent->value = malloc(floats * sizeof *sent->value))) return LW_NO_MEMORY;
+    const bool keeps_state = p->keeps_state[place->object] || lw_atlas_finer(place->level);
+    if (keeps_state && !sent->value && !(sent->value = malloc(floats * sizeof *sent->value)))
+        return LW_NO_MEMORY;
     struct lw_tile_dct_coded coded;
     struct lw_blob *blob, *delta;
-    enum lw_status status = encode_tile(p, worker, channel, sent, place, error, &coded);
+    enum lw_status status = encode_tile(p, worker, channel, sent, place, keeps_state, error, &coded);
     if (status == LW_OK)
         status = make_tile_blobs(p, worker, sent,
                                  &(struct lw_message_tile){.object = place->object,
@@ -407,7 +497,7 @@ static enum lw_status send_tile(const struct lw_publisher *p, struct worker *wor
         return status;
     }
     LW_INVARIANT(lw_snapshot_version(frame) > sent->version);
-    memcpy(sent->value, worker->value, floats * sizeof *sent->value);
+    if (keeps_state) memcpy(sent->value, worker->value, floats * sizeof *sent->value);
     lw_blob_unref(sent->blob);
     lw_blob_unref(sent->delta);
     sent->blob = blob;
@@ -484,7 +574,7 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
     const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
     store_tile(p, channel, place, worker);
     float visible = 1;
-    if (sent->version) {
+    if (sent->version && sent->value) {
         const float change = find_change(channel, worker, sent, place, &visible);
         if (!is_of_another_class(p, error, sent->error) && p->news[place->object] != LIT_AGAIN &&
             change <= least_change(error))
@@ -493,10 +583,40 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
     worker->status = send_tile(p, worker, channel, id, frame, error, bounces, visible);
 }
 
-static void encode_tiles(struct lw_publisher *p, const struct channel *channel, uint64_t frame) {
+/* The pyramids that encoding an object's tiles of a channel reads. */
+static void ensure_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                          uint32_t object) {
+    struct channel *form = channel->is->moment ? p->channel[channel->is->follows] : NULL;
+    if (worker->status == LW_OK && lw_levels_are_dropped(&channel->levels[object]))
+        worker->status = restore_levels(p, worker, channel, object);
+    if (worker->status == LW_OK && form && lw_levels_are_dropped(&form->levels[object]))
+        worker->status = restore_levels(p, worker, form, object);
+}
+
+/* Pyramids are made again for an object that does not keep them, for as long as its tiles are encoded. */
+static void encode_object(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                          uint32_t object, uint64_t frame) {
+    const struct lw_atlas_map *map = p->desc.atlas_map;
+    struct channel *form = channel->is->moment ? p->channel[channel->is->follows] : NULL;
+    const uint32_t first = map->first_tile[object],
+                   end = object + 1 < map->object_count ? map->first_tile[object + 1] : map->plain_count;
+    ensure_levels(p, worker, channel, object);
+    for (uint32_t id = first; id < end; id++) consider_tile(p, worker, channel, (lw_tile_id){id}, frame);
+    lw_levels_drop(&channel->levels[object]);
+    if (form) lw_levels_drop(&form->levels[object]);
+}
+
+static void encode_tiles(struct lw_publisher *p, struct channel *channel, uint64_t frame) {
+    const struct lw_atlas_map *map = p->desc.atlas_map;
 #pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
-    for (uint32_t id = 0; id < p->desc.atlas_map->plain_count; id++)
-        consider_tile(p, &p->worker[omp_get_thread_num()], channel, (lw_tile_id){id}, frame);
+    for (uint32_t id = 0; id < map->plain_count; id++)
+        if (p->keeps_state[map->place[id].object])
+            consider_tile(p, &p->worker[omp_get_thread_num()], channel, (lw_tile_id){id}, frame);
+    if (!p->is_lean) return;
+#pragma omp parallel for schedule(dynamic, 4) num_threads(p->threads)
+    for (uint32_t o = 0; o < map->object_count; o++)
+        if (!p->keeps_state[o] && channel->changed[o])
+            encode_object(p, &p->worker[omp_get_thread_num()], channel, o, frame);
 }
 
 /* ---- tiles of finer levels ---- */
@@ -590,15 +710,20 @@ static enum lw_status encode_fine(struct lw_publisher *p, struct channel *channe
     return LW_OK;
 }
 
+static void refresh_object(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                           uint32_t object, uint64_t since, bool has_light) {
+    bool *changed = &channel->changed[object];
+    *changed = has_light && refresh_levels(p, worker, channel, object, since);
+    if (p->news[object] != AS_SOLVED) *changed = p->news[object] == LIT_AGAIN;
+    if (*changed && p->keeps_state[object]) ensure_levels(p, worker, channel, object);
+}
+
 static void refresh_channel(struct lw_publisher *p, struct channel *channel, const struct lw_pose *pose,
                             uint64_t since, bool has_light) {
     has_light |= !channel->is_published;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) {
-        channel->changed[o] =
-            has_light && refresh_levels(p, &p->worker[omp_get_thread_num()], channel, o, since);
-        if (p->news[o] != AS_SOLVED) channel->changed[o] = p->news[o] == LIT_AGAIN;
-    }
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
+        refresh_object(p, &p->worker[omp_get_thread_num()], channel, o, since, has_light);
     if (has_light) channel->dark = find_dark(p->desc.atlas_map, channel, pose);
 }
 
@@ -664,15 +789,15 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
     const bool has_light = tiles_solved > 0 || !p->previous_frame || p->since;
     if (!p->since) p->since = frame; /* until all of it is published */
     uint64_t t0 = lw_clock_ns();
-    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) note_unlit(p, pose, o, frame);
-    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
-        if (p->channel[f]) refresh_channel(p, p->channel[f], pose, p->since, has_light);
-    uint64_t t1 = lw_clock_ns();
     for (int i = 0; i < p->threads; i++) {
         p->worker[i].status = LW_OK;
         p->worker[i].saturated = 0;
         memset(p->worker[i].encoded, 0, sizeof p->worker[i].encoded);
     }
+    for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++) note_unlit(p, pose, o, frame);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
+        if (p->channel[f]) refresh_channel(p, p->channel[f], pose, p->since, has_light);
+    uint64_t t1 = lw_clock_ns();
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
         if (p->channel[f]) {
             encode_tiles(p, p->channel[f], frame);
@@ -718,13 +843,15 @@ static size_t channel_bytes(const struct lw_atlas_map *map, const struct channel
     size_t bytes = channel->all_light ? map->tile_count * sizeof *channel->all_light : 0;
     for (uint32_t o = 0; o < map->object_count; o++)
         for (uint32_t l = 0; l < channel->levels[o].count; l++)
-            bytes += (size_t)channel->levels[o].level[l].width * channel->levels[o].level[l].height *
-                     (4 * channel->is->planes + 1);
+            if (channel->levels[o].level[l].value)
+                bytes += (size_t)channel->levels[o].level[l].width * channel->levels[o].level[l].height *
+                         (4 * channel->is->planes + 1);
     for (uint32_t t = 0; t < map->tile_count; t++) {
         const struct sent_tile *sent = &channel->sent[t];
-        if (sent->value && sent->blob)
-            bytes += (size_t)map->place[t].width * map->place[t].height * 4 * channel->is->planes +
-                     sent->blob->size + (sent->delta ? sent->delta->size : 0) +
+        if (sent->value)
+            bytes += (size_t)map->place[t].width * map->place[t].height * 4 * channel->is->planes;
+        if (sent->blob)
+            bytes += sent->blob->size + (sent->delta ? sent->delta->size : 0) +
                      (sent->history
                           ? lw_tile_dct_history_size(channel->is, map->place[t].width, map->place[t].height)
                           : 0);

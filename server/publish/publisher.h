@@ -40,6 +40,10 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 
+/* State of the encoder, which is kept from one version of a tile to the next, is some 40 bytes a texel and
+ * channel. Where that of all tiles is more than this, only objects that somebody looks at keep theirs. */
+#define LW_PUBLISHER_STATE_MAX 256000000u
+
 struct lw_publisher_desc {
     const struct lw_scene *scene; /* these three outlive the publisher */
     const struct lw_atlas_map *atlas_map;
@@ -51,7 +55,8 @@ struct lw_publisher_desc {
     float step_widest; /* for LW_TILE_CODEC_DCT; 0: LW_PUBLISHER_STEP_WIDEST */
     /* Per object: its tiles have the channels with `moment`; outlives the publisher. NULL: all do. */
     const bool *directional;
-    unsigned threads; /* 0: all */
+    uint64_t state_max; /* 0: LW_PUBLISHER_STATE_MAX */
+    unsigned threads;   /* 0: all */
 };
 
 struct lw_publisher_stats {
@@ -74,6 +79,10 @@ void lw_publisher_destroy(struct lw_publisher *publisher);
  * published channel. The state of a channel that is no longer published is freed. Errors: LW_NO_MEMORY; then
  * nothing has changed. */
 LW_MUST_CHECK enum lw_status lw_publisher_set_channels(struct lw_publisher *publisher, uint32_t channels);
+
+/** Says who keeps encoder state, where there is not room for all: objects with a tile that is wanted. Others
+ * get whole tiles alone. levels: as lw_solver_ops.set_interest(); NULL: all. At first none do. */
+void lw_publisher_want(struct lw_publisher *publisher, const uint8_t *levels);
 
 /** Error of a tile of any level, as it is sent: the largest of the level-0 tiles below it. out_bounces: the
  * least number of bounces of these tiles; may be NULL. [any] while no frame is solved. */

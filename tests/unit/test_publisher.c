@@ -71,6 +71,8 @@ struct world {
     struct lw_tile_codec *codec;
 };
 
+static uint64_t state_max; /* of the next world's publisher */
+
 static void init_world_of(struct world *w, uint32_t codec, uint32_t objects, uint32_t finer) {
     fine_is_there = false;
     *w = (struct world){.scene = lw_support_squares(objects, 1), .solver = {&ops}};
@@ -84,6 +86,7 @@ static void init_world_of(struct world *w, uint32_t codec, uint32_t objects, uin
                                                                   .solver = &w->solver,
                                                                   .target_error = 0.02f,
                                                                   .codec = codec,
+                                                                  .state_max = state_max,
                                                                   .threads = 1},
                                       &w->publisher),
                   NULL);
@@ -177,6 +180,63 @@ static void test_deltas(void **state) {
     assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(8));
     assert_null(s->tile[LW_LIGHT_FORM_FULL][0].delta);
     lw_snapshot_unref(s);
+    finish_world(&w);
+}
+
+/* Each tile as a publisher has it that has published nothing before. */
+static void expect_fresh(const struct lw_snapshot *s, uint64_t frame) {
+    struct world fresh;
+    init_world(&fresh, LW_TILE_CODEC_DCT);
+    error = 0.2f;
+    struct lw_snapshot *whole = publish(&fresh, frame);
+    for (uint32_t t = 0; t < s->tile_count; t++) {
+        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
+        const struct lw_blob *blob = whole->tile[LW_LIGHT_FORM_FULL][t].blob;
+        assert_null(tile->delta);
+        assert_int_equal(tile->version, lw_snapshot_version(frame));
+        assert_int_equal(tile->blob->size, blob->size);
+        assert_memory_equal(tile->blob->bytes, blob->bytes, blob->size);
+    }
+    lw_snapshot_unref(whole);
+    finish_world(&fresh);
+}
+
+/* Where there is not room for the state of all, an object that nobody looks at has none: its tiles come whole.
+ * Somebody looks from frame 4 to frame 6. */
+static void test_state_of_who_is_looked_at(void **state) {
+    (void)state;
+    static struct lw_tile_dct_coefficients levels;
+    static float followed[SIDE * SIDE * 3], joined[SIDE * SIDE * 3];
+    struct world w;
+    float scale;
+    size_t looked_at = 0;
+    state_max = 1;
+    init_world(&w, LW_TILE_CODEC_DCT);
+    state_max = 0;
+    uint8_t *wanted = calloc(w.map.tile_count, 1);
+    for (uint64_t frame = 1; frame <= 8; frame++) {
+        error = 0.2f;
+        set_light(frame, 5);
+        wanted[0] = frame >= 4 && frame <= 6;
+        lw_publisher_want(w.publisher, wanted);
+        struct lw_snapshot *s = publish(&w, frame);
+        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][0];
+        if (frame < 5 || frame > 6) {
+            expect_fresh(s, frame);
+        } else {
+            assert_true(tile->delta && tile->base == lw_snapshot_version(frame - 1));
+            decode(&w, tile->delta, frame, frame - 1, &levels, followed, &scale);
+        }
+        decode(&w, tile->blob, frame, 0, frame == 4 ? &levels : NULL, joined, &scale);
+        if (frame == 5 || frame == 6) assert_memory_equal(followed, joined, sizeof joined);
+        if (frame == 6) looked_at = lw_publisher_memory_bytes(w.publisher);
+        lw_snapshot_unref(s);
+    }
+    assert_true(lw_publisher_memory_bytes(w.publisher) < looked_at / 4);
+    struct lw_snapshot *s = publish(&w, 9); /* nothing moved */
+    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(8));
+    lw_snapshot_unref(s);
+    free(wanted);
     finish_world(&w);
 }
 
@@ -530,11 +590,13 @@ static void test_held_back_without_memory(void **state) {
 
 static void test_without_memory(void **state) {
     (void)state;
-    for (uint64_t frame = 1; frame <= 3; frame++) {
-        unsigned allocation = 1;
-        while (!publish_without(frame, allocation)) allocation++;
-        assert_true(allocation > 8);
-    }
+    for (state_max = 0; state_max < 2; state_max++) /* the second time nobody looks */
+        for (uint64_t frame = 1; frame <= 3; frame++) {
+            unsigned allocation = 1;
+            while (!publish_without(frame, allocation)) allocation++;
+            assert_true(allocation > 8);
+        }
+    state_max = 0;
 }
 
 /* ---- tiles of finer levels ---- */
@@ -587,6 +649,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fine_tiles_come_and_go),
         cmocka_unit_test(test_deltas),
+        cmocka_unit_test(test_state_of_who_is_looked_at),
         cmocka_unit_test(test_held_back_without_memory),
         cmocka_unit_test(test_without_memory),
         cmocka_unit_test(test_an_object_that_was_a_spare),
