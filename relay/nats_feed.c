@@ -387,11 +387,12 @@ static void want_level(const struct lw_nats_feed *feed, uint32_t object, uint32_
 static void list_levels(const struct lw_nats_feed *feed, const struct lw_message_interest *interest) {
     const struct lw_atlas_map *map = feed->map;
     for (uint32_t o = 0; o < map->object_count; o++)
-        if (map->atlas[o].level_count) want_level(feed, o, map->atlas[o].level_count - 1);
+        if (map->atlas[o]->level_count) want_level(feed, o, map->atlas[o]->level_count - 1);
     for (size_t i = 0; i < interest->tile_count; i++) {
         const struct lw_message_interest_tile *t = &interest->tile[i];
         if (t->object >= map->object_count) continue;
-        for (uint32_t l = lw_atlas_finer(t->level) ? 0 : t->level; l < map->atlas[t->object].level_count; l++)
+        for (uint32_t l = lw_atlas_finer(t->level) ? 0 : t->level; l < map->atlas[t->object]->level_count;
+             l++)
             want_level(feed, t->object, l);
     }
 }

@@ -224,7 +224,7 @@ void lw_relay_light_ask(struct lw_relay_light *light, uint32_t channel, const lw
 /* ---- sessions ---- */
 
 static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
-    return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
+    return map->place[tile].level + 1 == map->atlas[map->place[tile].object]->level_count;
 }
 
 void lw_relay_light_begin(struct lw_relay_light *light, uint32_t channel) {

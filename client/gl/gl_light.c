@@ -55,7 +55,7 @@ static void lay_out(struct lw_gl_light *light, const struct order *order, uint32
 static void place_mips(struct lw_gl_light *light) {
     for (uint32_t o = 0; o < light->map->object_count; o++) {
         struct lw_gl_light_rect *r = &light->rect[light->first_level[o]];
-        for (uint32_t k = 1; k <= LW_ATLAS_READ_MAX && k < light->map->atlas[o].level_count; k++)
+        for (uint32_t k = 1; k <= LW_ATLAS_READ_MAX && k < light->map->atlas[o]->level_count; k++)
             r[k].x = r->x >> k, r[k].y = r->y >> k, r[k].layer = r->layer, r[k].mip = k;
     }
 }
@@ -69,7 +69,7 @@ static enum lw_status find_places(struct lw_gl_light *light, uint32_t count, str
     uint32_t placed = 0;
     light->side = PAGE_SIDE;
     for (uint32_t o = 0; o < light->map->object_count; o++)
-        for (uint32_t k = 0; k < light->map->atlas[o].level_count; k++) {
+        for (uint32_t k = 0; k < light->map->atlas[o]->level_count; k++) {
             const uint32_t number = light->first_level[o] + k;
             const struct lw_gl_light_rect *r = &light->rect[number];
             if (k == 0 || k > LW_ATLAS_READ_MAX) order[placed++] = (struct order){number, r->height};
@@ -91,9 +91,9 @@ static enum lw_status find_places(struct lw_gl_light *light, uint32_t count, str
 static void list_levels(struct lw_gl_light *light) {
     uint32_t k = 0;
     for (uint32_t o = 0; o < light->map->object_count; o++) {
-        light->first_level[o] = k += light->map->atlas[o].finer_count;
-        for (uint32_t i = 0; i < light->map->atlas[o].level_count; i++, k++) {
-            const struct lw_atlas_level *l = &light->map->atlas[o].level[i];
+        light->first_level[o] = k += light->map->atlas[o]->finer_count;
+        for (uint32_t i = 0; i < light->map->atlas[o]->level_count; i++, k++) {
+            const struct lw_atlas_level *l = &light->map->atlas[o]->level[i];
             light->rect[k] = (struct lw_gl_light_rect){.width = l->width, .height = l->height};
         }
     }
@@ -102,7 +102,7 @@ static void list_levels(struct lw_gl_light *light) {
 void lw_gl_light_place(const struct lw_gl_light *light, uint32_t object, uint32_t back_offset,
                        uint32_t out_words[4]) {
     const struct lw_gl_light_rect *r = &light->rect[light->first_level[object]];
-    const uint32_t level_count = light->map->atlas[object].level_count;
+    const uint32_t level_count = light->map->atlas[object]->level_count;
     out_words[0] = light->first_level[object];
     out_words[1] = level_count | r->layer << 4 | back_offset << 16;
     out_words[2] = r->x | r->y << 16;
@@ -142,20 +142,20 @@ static enum lw_status make_textures(struct lw_gl_light *light, uint32_t count, s
     uint32_t(*table)[4] = calloc(count + 1ul, sizeof *table);
     if (table == NULL) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
     for (uint32_t o = 0; o < map->object_count; o++) {
-        for (uint32_t i = 0; i < map->atlas[o].level_count; i++) {
+        for (uint32_t i = 0; i < map->atlas[o]->level_count; i++) {
             const struct lw_gl_light_rect *r = &light->rect[light->first_level[o] + i];
-            const struct lw_atlas_level *l = &map->atlas[o].level[i];
+            const struct lw_atlas_level *l = &map->atlas[o]->level[i];
             uint32_t *row = table[light->first_level[o] + i];
             row[0] = r->x | r->y << 16;
             row[1] = r->layer | r->mip << 12 | l->tiles_x << 16;
             row[2] = r->width | r->height << 16;
             row[3] = map->first_tile[o] + l->first_tile;
         }
-        for (uint32_t i = 1; i <= map->atlas[o].finer_count; i++) {
+        for (uint32_t i = 1; i <= map->atlas[o]->finer_count; i++) {
             uint32_t *row = table[light->first_level[o] - i];
-            row[1] = map->atlas[o].finer[i - 1].tiles_x << 16;
+            row[1] = map->atlas[o]->finer[i - 1].tiles_x << 16;
             row[3] =
-                (uint32_t)(map->plain_count + map->first_finer[o] + map->atlas[o].finer[i - 1].first_tile);
+                (uint32_t)(map->plain_count + map->first_finer[o] + map->atlas[o]->finer[i - 1].first_tile);
         }
     }
     lw_gl_texture_table(GL_RGBA32UI, (count + 1ul) * sizeof *table, table, &light->level_buffer,
@@ -172,7 +172,7 @@ enum lw_status lw_gl_light_init(struct lw_gl_light *light, const struct lw_atlas
     uint32_t count = 0;
     GLint table_max = 0;
     for (uint32_t o = 0; o < map->object_count; o++)
-        count += map->atlas[o].level_count + map->atlas[o].finer_count;
+        count += map->atlas[o]->level_count + map->atlas[o]->finer_count;
     *light = (struct lw_gl_light){.map = map, .unfiltered = unfiltered, .scale = 0};
     glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &table_max);
     if (map->plain_count >= (uint32_t)table_max || count >= (uint32_t)table_max)
@@ -224,7 +224,7 @@ void lw_gl_light_finish(struct lw_gl_light *light) {
 /* Whether a tile of a level is in the pages; `self` counts. */
 static bool is_here(const struct lw_gl_light *light, const struct lw_tile_place *place, int64_t x, int64_t y,
                     uint32_t self) {
-    const struct lw_atlas_level *l = &light->map->atlas[place->object].level[place->level];
+    const struct lw_atlas_level *l = &light->map->atlas[place->object]->level[place->level];
     const uint32_t t =
         light->map->first_tile[place->object] + l->first_tile + (uint32_t)y * l->tiles_x + (uint32_t)x;
     return t == self || light->version[t] != 0;
@@ -282,7 +282,7 @@ static bool upload(struct lw_gl_light *light, const struct lw_compose_source *so
 /* Whether a source knows where its light comes from. */
 static bool has_directions(const struct lw_gl_light *light, const struct lw_compose_source *source) {
     for (uint32_t o = 0; o < light->map->object_count; o++)
-        if (light->map->atlas[o].level_count) return source->level(source->context, o, 0).direction != NULL;
+        if (light->map->atlas[o]->level_count) return source->level(source->context, o, 0).direction != NULL;
     return false;
 }
 
@@ -301,7 +301,7 @@ static void take_directions(struct lw_gl_light *light, const struct lw_compose_s
  * that. */
 static unsigned level_to_read(const struct lw_gl_light *light, uint32_t object, uint32_t level, uint32_t x,
                               uint32_t y) {
-    const struct lw_atlas *atlas = &light->map->atlas[object];
+    const struct lw_atlas *atlas = light->map->atlas[object];
     for (uint32_t k = level; k < atlas->level_count; k++, x /= 2, y /= 2) {
         const struct lw_atlas_level *l = &atlas->level[k];
         if (light->version[light->map->first_tile[object] + l->first_tile + y * l->tiles_x + x]) return k;
@@ -313,7 +313,7 @@ static void find_words(struct lw_gl_light *light) {
     for (uint32_t o = 0; o < light->map->object_count; o++) light->settled[o] = true;
     for (uint32_t t = 0; t < light->map->plain_count; t++) {
         const struct lw_tile_place *p = &light->map->place[t];
-        const uint32_t last = light->map->atlas[p->object].level_count - 1;
+        const uint32_t last = light->map->atlas[p->object]->level_count - 1;
         unsigned word = (unsigned)light->noise_level[t] << LW_GL_LIGHT_NOISE_SHIFT;
         for (uint32_t i = 0; i <= LW_ATLAS_READ_MAX; i++) {
             uint32_t k = i > p->level ? i : p->level;
@@ -336,7 +336,7 @@ static void upload_words(const struct lw_gl_light *light) {
 static void take_average(struct lw_gl_light *light, const struct lw_compose_source *source) {
     double sum[3] = {0}, count = 0;
     for (uint32_t o = 0; o < light->map->object_count; o++) {
-        const struct lw_atlas *atlas = &light->map->atlas[o];
+        const struct lw_atlas *atlas = light->map->atlas[o];
         if (atlas->level_count == 0) continue;
         const uint32_t k = atlas->level_count - 1,
                        tile = light->map->first_tile[o] + atlas->level[k].first_tile;

@@ -530,7 +530,7 @@ enum lw_live_status lw_live_get_pages(const struct lw_live *live, uint32_t objec
                     : lw_live_fail(err, LW_LIVE_NOT_READY, "the scene has not arrived yet");
     if (result == LW_LIVE_OK) {
         const struct lw_atlas_map *map = live->tiles.map;
-        const struct lw_atlas_level *at = lw_atlas_level(&map->atlas[object], level);
+        const struct lw_atlas_level *at = lw_atlas_level(map->atlas[object], level);
         pages.first = map->first_finer[object] + at->first_tile;
         pages.columns = at->tiles_x;
         pages.rows = at->tiles_y;

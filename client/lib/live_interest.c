@@ -117,8 +117,8 @@ static enum lw_status measure(struct lw_live_interest *interest, const struct lw
     for (uint32_t m = 0; m < scene->mesh_count; m++) interest->mesh[m].first = UINT32_MAX;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         struct lw_live_mesh_boxes *mesh = &interest->mesh[scene->object[o].mesh];
-        if (mesh->first != UINT32_MAX || !map->atlas[o].level_count) continue;
-        const uint32_t tiles = map->atlas[o].level[0].tiles_x * map->atlas[o].level[0].tiles_y;
+        if (mesh->first != UINT32_MAX || !map->atlas[o]->level_count) continue;
+        const uint32_t tiles = map->atlas[o]->level[0].tiles_x * map->atlas[o]->level[0].tiles_y;
         mesh->first = boxes;
         boxes += tiles;
         if (tiles > largest) largest = tiles;
@@ -129,9 +129,9 @@ static enum lw_status measure(struct lw_live_interest *interest, const struct lw
     const bool has_memory = interest->box && tile && is_measured;
     for (uint32_t o = 0; has_memory && o < scene->object_count; o++) {
         const uint32_t m = scene->object[o].mesh;
-        if (is_measured[m] || !map->atlas[o].level_count) continue;
+        if (is_measured[m] || !map->atlas[o]->level_count) continue;
         is_measured[m] = true;
-        const struct lw_atlas_level *level = &map->atlas[o].level[0];
+        const struct lw_atlas_level *level = &map->atlas[o]->level[0];
         const uint32_t tiles = level->tiles_x * level->tiles_y;
         LW_INVARIANT(tiles <= largest && interest->mesh[m].first + tiles <= boxes);
         for (uint32_t i = 0; i < tiles; i++) tile[i] = nothing;
@@ -199,7 +199,7 @@ static uint8_t level_at(float depth, float texel_pixels, uint32_t level_count) {
 
 static void look_at_object(struct lw_live_interest *interest, const struct lw_client *client, uint32_t object,
                            uint32_t mesh) {
-    const struct lw_atlas *atlas = &interest->map->atlas[object];
+    const struct lw_atlas *atlas = interest->map->atlas[object];
     const struct lw_live_mesh_boxes *boxes = &interest->mesh[mesh];
     const uint32_t tiles = atlas->level[0].tiles_x * atlas->level[0].tiles_y;
     uint8_t *level = interest->level + interest->map->first_tile[object] + atlas->level[0].first_tile;
@@ -238,7 +238,7 @@ static uint32_t list_picture(struct lw_live_interest *interest, uint32_t coarser
     uint32_t count = 0;
     interest->round++;
     for (uint32_t o = 0; o < map->object_count; o++) {
-        const struct lw_atlas *atlas = &map->atlas[o];
+        const struct lw_atlas *atlas = map->atlas[o];
         if (!atlas->level_count) continue;
         const uint32_t first = map->first_tile[o] + atlas->level[0].first_tile;
         for (uint32_t t = 0; t < atlas->level[0].tiles_x * atlas->level[0].tiles_y; t++) {
@@ -295,7 +295,7 @@ uint32_t lw_live_interest_list(struct lw_live_interest *interest, const struct l
     const struct lw_scene *scene = lw_client_scene(client);
     const struct lw_atlas_map *map = interest->map;
     for (uint32_t o = 0; o < map->object_count; o++)
-        if (map->atlas[o].level_count) look_at_object(interest, client, o, scene->object[o].mesh);
+        if (map->atlas[o]->level_count) look_at_object(interest, client, o, scene->object[o].mesh);
     uint32_t count = 0;
     for (uint32_t coarser = 0; coarser < LW_ATLAS_LEVELS_MAX; coarser++) {
         count = list_picture(interest, coarser);

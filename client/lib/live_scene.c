@@ -81,7 +81,7 @@ enum lw_live_status lw_live_get_object(const struct lw_live *live, uint32_t obje
     struct lw_live_object of = {.name = o->name,
                                 .mesh = o->mesh,
                                 .node = o->node == LW_SCENE_NONE ? LW_LIVE_NONE : o->node,
-                                .level_count = live->tiles.map->atlas[object].level_count,
+                                .level_count = live->tiles.map->atlas[object]->level_count,
                                 .state =
                                     (enum lw_live_object_state)lw_client_object_state(live->client, object),
                                 .is_drawn = !lw_client_object_hidden(live->client, object)};

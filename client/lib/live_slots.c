@@ -125,7 +125,7 @@ struct report {
 
 /* A tile with the column and the row beside it, as far as the level goes. */
 static struct lw_live_rect rect_of(const struct lw_live_slots *slots, const struct lw_tile_place *p) {
-    const struct lw_atlas_level *level = lw_atlas_level(&slots->tiles->map->atlas[p->object], p->level);
+    const struct lw_atlas_level *level = lw_atlas_level(slots->tiles->map->atlas[p->object], p->level);
     const uint32_t x = p->x * LW_TILE_SIDE, y = p->y * LW_TILE_SIDE;
     return (struct lw_live_rect){.object = p->object,
                                  .level = p->level,

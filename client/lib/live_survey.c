@@ -232,7 +232,7 @@ static void draw_object(const struct lw_live_survey *s, struct picture *p, uint3
                      .x = widened(lw_live_frustum_row(p->view, 0, to_world)),
                      .y = widened(lw_live_frustum_row(p->view, 1, to_world)),
                      .w = lw_live_frustum_row(p->view, 3, to_world),
-                     .object = s->map->atlas[object].level_count ? object : NONE};
+                     .object = s->map->atlas[object]->level_count ? object : NONE};
     o.turn = triple(o.x.n, o.y.n, o.w.n);
     for (uint32_t g = s->first_group[m]; g < s->first_group[m + 1]; g++) {
         float depth;
@@ -249,7 +249,7 @@ static float find_far(const struct lw_live_survey *s, const struct lw_live_view 
     float far = 0;
     for (uint32_t o = 0; o < s->map->object_count; o++) {
         const float texel_m = s->texel_m[s->scene->object[o].mesh];
-        if (!s->map->atlas[o].finer_count || lw_client_object_hidden(s->client, o)) continue;
+        if (!s->map->atlas[o]->finer_count || lw_client_object_hidden(s->client, o)) continue;
         const struct lw_live_frustum f = lw_live_frustum_of(view, lw_client_object_to_world(s->client, o));
         if (f.pixel_m > 0) far = fmaxf(far, texel_m / (2 * LW_FINE_CHOICE_PIXELS * f.pixel_m));
     }
@@ -289,7 +289,7 @@ static uint64_t cover(const struct lw_atlas_map *map, uint64_t name, uint32_t co
         else
             high = middle;
     }
-    const struct lw_atlas *atlas = &map->atlas[low];
+    const struct lw_atlas *atlas = map->atlas[low];
     const uint32_t tile = (uint32_t)(name - map->first_finer[low]);
     uint32_t k = atlas->finer_count;
     while (k > 1 && atlas->finer[k - 1].first_tile > tile) k--;
@@ -346,7 +346,7 @@ static void add_tiles_of(struct lw_live_survey *s, const struct lw_live_survey_c
     if (cell->object == NONE) return;
     while (s->tile_count > LW_LIVE_SURVEY_TILES_MAX - 4 && s->coarser + 1 < s->map->finer_count) coarsen(s);
     if (s->tile_count > LW_LIVE_SURVEY_TILES_MAX - 4) return;
-    const struct lw_atlas *atlas = &s->map->atlas[cell->object];
+    const struct lw_atlas *atlas = s->map->atlas[cell->object];
     const int wanted = lw_fine_choice(cell->texels, 1, (int)atlas->finer_count);
     if (wanted == 0 || (!cell->small && is_even(s, cell))) return;
     uint32_t k = (uint32_t)wanted;

@@ -56,7 +56,7 @@ static bool find_source(const struct lw_live_tiles *tiles, lw_tile_id tile, stru
 static bool find_fine_source(const struct lw_live_tiles *tiles, const struct lw_live_rect *rect,
                              uint32_t tile_x, uint32_t tile_y, struct source *out) {
     const uint32_t k = lw_atlas_finer(rect->level);
-    const struct lw_atlas_level *at = lw_atlas_level(&tiles->map->atlas[rect->object], rect->level);
+    const struct lw_atlas_level *at = lw_atlas_level(tiles->map->atlas[rect->object], rect->level);
     const lw_tile_id tile = lw_atlas_map_find(tiles->map, rect->object, rect->level, tile_x, tile_y);
     const struct source own = {.first_x = tile_x * LW_TILE_SIDE,
                                .first_y = tile_y * LW_TILE_SIDE,
@@ -225,7 +225,7 @@ enum lw_live_status lw_live_get_level(const struct lw_live *live, uint32_t objec
     lw_live_lock(live);
     enum lw_live_status result = check_rect(live, &rect, err);
     if (result == LW_LIVE_OK) {
-        const struct lw_atlas_level *at = lw_atlas_level(&live->tiles.map->atlas[object], level);
+        const struct lw_atlas_level *at = lw_atlas_level(live->tiles.map->atlas[object], level);
         rect.width = at->width;
         rect.height = at->height;
         *out_rect = rect;

@@ -29,7 +29,7 @@ void lw_live_tiles_finish(struct lw_live_tiles *tiles) {
 lw_tile_id lw_live_tiles_cover(const struct lw_live_tiles *tiles, const struct lw_tile_place *p,
                                uint32_t level) {
     const unsigned up = level - p->level;
-    LW_INVARIANT(level >= p->level && level < tiles->map->atlas[p->object].level_count);
+    LW_INVARIANT(level >= p->level && level < tiles->map->atlas[p->object]->level_count);
     return lw_atlas_map_find(tiles->map, p->object, level, p->x >> up, p->y >> up);
 }
 
@@ -54,7 +54,7 @@ uint32_t lw_live_tiles_source(const struct lw_live_tiles *tiles, lw_tile_id tile
         const unsigned noise_level = noise_level_of(tiles, known.error);
         if (noise_level > level) level = noise_level;
     }
-    for (const uint32_t end = tiles->map->atlas[p->object].level_count; level < end; level++)
+    for (const uint32_t end = tiles->map->atlas[p->object]->level_count; level < end; level++)
         if (lw_client_get_tile(tiles->client, lw_live_tiles_cover(tiles, p, level)).version) return level;
     return known.version ? p->level : UINT32_MAX;
 }
@@ -110,7 +110,7 @@ static bool is_dirty_row(const struct lw_live_tiles *tiles, const struct lw_tile
  * number of texels. */
 static struct lw_live_rect dirty_rectangle(struct lw_live_tiles *tiles, const struct lw_tile_place *p,
                                            uint64_t texels_max) {
-    const struct lw_atlas_level *level = &tiles->map->atlas[p->object].level[p->level];
+    const struct lw_atlas_level *level = &tiles->map->atlas[p->object]->level[p->level];
     const uint64_t tile_texels = LW_TILE_SIDE * LW_TILE_SIDE;
     uint32_t width = 1, height = 1;
     while ((width + 1) * tile_texels <= texels_max &&
@@ -155,7 +155,7 @@ static bool add_rectangle(struct lw_live_tiles *tiles, struct taking *t, lw_tile
 }
 
 static void take_of(struct lw_live_tiles *tiles, struct taking *t, uint32_t object, uint32_t level) {
-    const struct lw_atlas *atlas = &tiles->map->atlas[object];
+    const struct lw_atlas *atlas = tiles->map->atlas[object];
     for (uint32_t l = 0; l < atlas->level_count; l++) {
         const struct lw_atlas_level *at = &atlas->level[l];
         if (level != LW_LIVE_NONE && l != level) continue;
@@ -199,7 +199,7 @@ enum lw_live_status lw_live_tiles_check(const struct lw_live_tiles *tiles, const
     const struct lw_atlas_map *map = tiles->map;
     if (rect->object >= map->object_count)
         return lw_live_fail(err, LW_LIVE_USAGE, "object %u of %u", rect->object, map->object_count);
-    const struct lw_atlas *atlas = &map->atlas[rect->object];
+    const struct lw_atlas *atlas = map->atlas[rect->object];
     const struct lw_atlas_level *at = lw_atlas_level(atlas, rect->level);
     if (!at && atlas->level_count && lw_atlas_finer(rect->level)) {
         if (!tiles->reads_finer)

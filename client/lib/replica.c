@@ -54,7 +54,7 @@ static float **fine_of(const struct lw_replica *r, const struct slot *slot, lw_t
 static void count_coarsest(struct lw_replica *r) {
     r->coarsest_missing = 0;
     for (uint32_t o = 0; o < r->map.object_count; o++) {
-        const struct lw_atlas *atlas = &r->map.atlas[o];
+        const struct lw_atlas *atlas = r->map.atlas[o];
         if (!atlas->level_count) continue; /* a mesh without lightmap */
         const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
         r->coarsest_missing += coarsest->tiles_x * coarsest->tiles_y;
@@ -66,7 +66,7 @@ static void count_coarsest(struct lw_replica *r) {
 static uint64_t place_levels(struct lw_replica *r) {
     uint64_t texels = 0;
     for (uint32_t o = 0; o < r->map.object_count; o++) {
-        const struct lw_atlas *atlas = &r->map.atlas[o];
+        const struct lw_atlas *atlas = r->map.atlas[o];
         for (uint32_t l = 0; l < atlas->level_count; l++) {
             *first_texel_of(r, o, l) = (size_t)texels;
             texels += (uint64_t)atlas->level[l].width * atlas->level[l].height;
@@ -113,7 +113,7 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     r->unlit = calloc((size_t)r->map.object_count + 1, sizeof *r->unlit);
     if (!r->first_texel || !r->unlit) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < r->map.object_count; o++)
-        r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o].level_count > 0;
+        r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o]->level_count > 0;
     count_coarsest(r);
     return make_slot(r, LW_LIGHT_FORM_FULL, err);
 }
@@ -270,7 +270,7 @@ static enum lw_status set_hidden(struct lw_replica *r, const uint32_t *object, s
                                   hidden ? "hidden" : "shown", object[i], r->scene->object_count);
         r->pose.object_hidden[object[i]] = hidden;
         r->pose.object_spare[object[i]] = i < spares;
-        if (i < spares) r->unlit[object[i]] = r->map.atlas[object[i]].level_count > 0;
+        if (i < spares) r->unlit[object[i]] = r->map.atlas[object[i]]->level_count > 0;
     }
     return LW_OK;
 }
@@ -329,7 +329,7 @@ static enum lw_status copy_fine(struct lw_replica *r, const struct slot *slot, l
 
 static void copy_into_level(struct lw_replica *r, const struct slot *slot,
                             const struct lw_tile_place *place) {
-    const struct lw_atlas_level *at = lw_atlas_level(&r->map.atlas[place->object], place->level);
+    const struct lw_atlas_level *at = lw_atlas_level(r->map.atlas[place->object], place->level);
     const size_t level_width = at->width, planes = slot->is->planes;
     size_t x = (size_t)place->x * LW_TILE_SIDE, y = (size_t)place->y * LW_TILE_SIDE;
     float *level = slot->texels + planes * *first_texel_of(r, place->object, place->level);
@@ -452,7 +452,7 @@ enum lw_status lw_replica_take_tile(struct lw_replica *r, const struct lw_messag
             t->level, t->tile);
     const struct lw_tile_place *place = &r->map.place[id.v];
     const bool is_coarsest =
-        at == LW_REPLICA_IRRADIANCE && t->level == r->map.atlas[t->object].level_count - 1;
+        at == LW_REPLICA_IRRADIANCE && t->level == r->map.atlas[t->object]->level_count - 1;
     enum lw_status status = decode(r, slot, t, id, place);
     if (status != LW_OK) {
         /* half of the coefficients are the new version's: no delta may build on them, in a later session
@@ -507,9 +507,9 @@ const struct lw_affine *lw_replica_object_to_world(const struct lw_replica *r, u
 }
 
 struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t object, uint32_t level) {
-    if (object >= r->map.object_count || level >= r->map.atlas[object].level_count)
+    if (object >= r->map.object_count || level >= r->map.atlas[object]->level_count)
         return (struct lw_client_level){0};
-    const struct lw_atlas_level *at = &r->map.atlas[object].level[level];
+    const struct lw_atlas_level *at = &r->map.atlas[object]->level[level];
     return (struct lw_client_level){at->width, at->height,
                                     lw_replica_get_texels(r, LW_REPLICA_IRRADIANCE, object, level),
                                     lw_replica_get_texels(r, LW_REPLICA_DIRECTION, object, level)};
@@ -518,7 +518,7 @@ struct lw_client_level lw_replica_get_level(const struct lw_replica *r, uint32_t
 const float *lw_replica_get_texels(const struct lw_replica *r, uint32_t slot, uint32_t object,
                                    uint32_t level) {
     if (slot >= LW_TILE_CHANNELS_MAX || !r->slot[slot].is_there || object >= r->map.object_count ||
-        level >= r->map.atlas[object].level_count)
+        level >= r->map.atlas[object]->level_count)
         return NULL;
     return r->slot[slot].texels + r->slot[slot].is->planes * *first_texel_of(r, object, level);
 }

@@ -112,7 +112,7 @@ static void add_coarser(struct box *tile, const struct lw_atlas *atlas) {
 static void add_object(struct lw_viewer_model *in, const struct lw_scene *scene, uint32_t object,
                        const struct lw_affine *to_world) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
-    const struct lw_atlas *atlas = &in->map->atlas[object];
+    const struct lw_atlas *atlas = in->map->atlas[object];
     struct box *tile = in->tile + in->map->first_tile[object];
     double area_m2 = 0, area_texels = 0;
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
@@ -221,7 +221,7 @@ static void choose_all(struct choice *c) {
     const struct lw_atlas_map *map = c->in->map;
     c->count = 0;
     for (uint32_t o = 0; o < map->object_count; o++) {
-        const struct lw_atlas *atlas = &map->atlas[o];
+        const struct lw_atlas *atlas = map->atlas[o];
         if (!atlas->level_count || !is_seen(&c->in->object[o], c->eye)) continue;
         const struct lw_atlas_level *coarsest = &atlas->level[atlas->level_count - 1];
         for (uint32_t y = 0; y < coarsest->tiles_y; y++)

@@ -70,7 +70,7 @@ static struct lw_tile_place place_of(const struct lw_atlas_level *level, uint32_
 static const struct lw_tile_place nowhere = {.level = LW_ATLAS_FINER + 1};
 
 static void place_tiles(const struct lw_atlas_map *map, uint32_t object) {
-    const struct lw_atlas *atlas = &map->atlas[object];
+    const struct lw_atlas *atlas = map->atlas[object];
     struct lw_tile_place *place = map->place + map->first_tile[object];
     for (uint32_t l = 0; l < atlas->level_count; l++)
         for (uint32_t y = 0; y < atlas->level[l].tiles_y; y++)
@@ -85,15 +85,20 @@ enum lw_status lw_atlas_map_init(struct lw_atlas_map *map, const struct lw_scene
 
 /* Names of finer levels: each side of theirs has at most 2^4 times the texels, and an object's number is
  * below 2^32. */
-static void name_finer(struct lw_atlas_map *map, uint32_t finer) {
+static void name_finer(struct lw_atlas_map *map) {
     uint64_t name = 0;
     for (uint32_t i = 0; i < map->object_count; i++) {
-        struct lw_atlas *atlas = &map->atlas[i];
         map->first_finer[i] = name;
-        if (atlas->level_count) lw_atlas_refine(atlas, finer);
-        name += atlas->finer_tile_count;
+        name += map->atlas[i]->finer_tile_count;
     }
     map->fine_names = name;
+}
+
+/* A mesh without an atlas has no level. */
+static void shape_mesh(struct lw_atlas *shape, const struct lw_mesh *mesh, uint32_t finer) {
+    if (!mesh->atlas_width || !mesh->atlas_height) return;
+    lw_atlas_init(shape, mesh->atlas_width, mesh->atlas_height);
+    lw_atlas_refine(shape, finer);
 }
 
 enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw_scene *scene, uint32_t finer,
@@ -101,20 +106,20 @@ enum lw_status lw_atlas_map_init_finer(struct lw_atlas_map *map, const struct lw
     const size_t count = scene->object_count ? scene->object_count : 1;
     LW_INVARIANT(finer <= LW_ATLAS_FINER_ALL && !finer == !room);
     *map = (struct lw_atlas_map){.object_count = scene->object_count, .finer_count = finer};
+    map->shape = calloc(scene->mesh_count + 1ul, sizeof *map->shape);
     map->atlas = calloc(count, sizeof *map->atlas);
     map->first_tile = calloc(count, sizeof *map->first_tile);
     map->first_finer = calloc(count, sizeof *map->first_finer);
-    if (!map->atlas || !map->first_tile || !map->first_finer) goto fail;
+    if (!map->shape || !map->atlas || !map->first_tile || !map->first_finer) goto fail;
+    for (uint32_t m = 0; m < scene->mesh_count; m++) shape_mesh(&map->shape[m], &scene->mesh[m], finer);
     uint64_t tiles = 0;
     for (uint32_t i = 0; i < scene->object_count; i++) {
-        const struct lw_mesh *mesh = &scene->mesh[scene->object[i].mesh];
+        map->atlas[i] = &map->shape[scene->object[i].mesh];
         map->first_tile[i] = (uint32_t)tiles;
-        if (!mesh->atlas_width || !mesh->atlas_height) continue;
-        lw_atlas_init(&map->atlas[i], mesh->atlas_width, mesh->atlas_height);
-        tiles += map->atlas[i].tile_count;
+        tiles += map->atlas[i]->tile_count;
         if (tiles + room >= UINT32_MAX) goto fail;
     }
-    name_finer(map, finer);
+    name_finer(map);
     map->plain_count = (uint32_t)tiles;
     map->tile_count = (uint32_t)tiles + room;
     map->place = calloc(map->tile_count + 1ul, sizeof *map->place);
@@ -134,6 +139,7 @@ void lw_atlas_map_finish(struct lw_atlas_map *map) {
     free(map->first_tile);
     free(map->first_finer);
     free(map->atlas);
+    free(map->shape);
     *map = (struct lw_atlas_map){0};
 }
 
@@ -141,7 +147,7 @@ void lw_atlas_map_finish(struct lw_atlas_map *map) {
 static const struct lw_atlas_level *level_at(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
                                              uint32_t x, uint32_t y) {
     const struct lw_atlas_level *l =
-        object < map->object_count ? lw_atlas_level(&map->atlas[object], level) : NULL;
+        object < map->object_count ? lw_atlas_level(map->atlas[object], level) : NULL;
     return l && x < l->tiles_x && y < l->tiles_y ? l : NULL;
 }
 
@@ -151,8 +157,8 @@ bool lw_atlas_map_has_tile(const struct lw_atlas_map *map, uint32_t object, uint
 }
 
 uint32_t lw_atlas_map_first(const struct lw_atlas_map *map, uint32_t object, uint32_t level) {
-    LW_INVARIANT(level < map->atlas[object].level_count);
-    return map->first_tile[object] + map->atlas[object].level[level].first_tile;
+    LW_INVARIANT(level < map->atlas[object]->level_count);
+    return map->first_tile[object] + map->atlas[object]->level[level].first_tile;
 }
 
 static uint64_t name_of(const struct lw_atlas_map *map, uint32_t object, const struct lw_atlas_level *l,
@@ -206,7 +212,7 @@ lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name
             high = middle;
     }
     /* objects without tiles have the first name of the next object: the last of all these has it */
-    const struct lw_atlas *atlas = &map->atlas[low];
+    const struct lw_atlas *atlas = map->atlas[low];
     const uint32_t tile = (uint32_t)(name - map->first_finer[low]);
     uint32_t k = atlas->finer_count;
     while (atlas->finer[k - 1].first_tile > tile) k--;
@@ -216,13 +222,13 @@ lw_tile_id lw_atlas_map_claim_name(const struct lw_atlas_map *map, uint64_t name
 uint64_t lw_atlas_map_name_tile(const struct lw_atlas_map *map, uint32_t object, uint32_t level,
                                 uint32_t tile) {
     if (!lw_atlas_finer(level) || !lw_atlas_map_has_tile(map, object, level, tile)) return UINT64_MAX;
-    return map->first_finer[object] + lw_atlas_level(&map->atlas[object], level)->first_tile + tile;
+    return map->first_finer[object] + lw_atlas_level(map->atlas[object], level)->first_tile + tile;
 }
 
 uint64_t lw_atlas_map_name(const struct lw_atlas_map *map, lw_tile_id id) {
     const struct lw_tile_place *p = &map->place[id.v];
     LW_INVARIANT(id.v >= map->plain_count && lw_atlas_map_is_used(map, id));
-    return name_of(map, p->object, lw_atlas_level(&map->atlas[p->object], p->level), p->x, p->y);
+    return name_of(map, p->object, lw_atlas_level(map->atlas[p->object], p->level), p->x, p->y);
 }
 
 bool lw_atlas_map_is_used(const struct lw_atlas_map *map, lw_tile_id id) {
@@ -246,5 +252,5 @@ lw_tile_id lw_atlas_map_below(const struct lw_atlas_map *map, lw_tile_id id) {
 uint32_t lw_atlas_map_number(const struct lw_atlas_map *map, lw_tile_id id) {
     LW_INVARIANT(id.v < map->tile_count && lw_atlas_map_is_used(map, id));
     const struct lw_tile_place *place = &map->place[id.v];
-    return place->y * lw_atlas_level(&map->atlas[place->object], place->level)->tiles_x + place->x;
+    return place->y * lw_atlas_level(map->atlas[place->object], place->level)->tiles_x + place->x;
 }

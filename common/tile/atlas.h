@@ -72,15 +72,16 @@ static inline int lw_atlas_scale(uint32_t level) {
  * objects, levels, rows and columns. */
 struct lw_atlas_map {
     uint32_t object_count;
-    uint32_t tile_count;         /* ids; with those for tiles of finer levels, claimed or not */
-    uint32_t plain_count;        /* tiles that are not of finer levels: those with the first ids */
-    uint32_t finer_count;        /* finer levels of each atlas */
-    struct lw_atlas *atlas;      /* per object */
-    uint32_t *first_tile;        /* per object */
-    uint64_t *first_finer;       /* per object: the first name of its finer levels */
-    uint64_t fine_names;         /* tiles of finer levels, in all */
-    struct lw_tile_place *place; /* per tile id; of no texels where nobody has claimed it */
-    struct lw_fine_ids *fine;    /* ids from plain_count on; NULL: there are none */
+    uint32_t tile_count;           /* ids; with those for tiles of finer levels, claimed or not */
+    uint32_t plain_count;          /* tiles that are not of finer levels: those with the first ids */
+    uint32_t finer_count;          /* finer levels of each atlas */
+    struct lw_atlas *shape;        /* per mesh */
+    const struct lw_atlas **atlas; /* per object: its mesh's */
+    uint32_t *first_tile;          /* per object */
+    uint64_t *first_finer;         /* per object: the first name of its finer levels */
+    uint64_t fine_names;           /* tiles of finer levels, in all */
+    struct lw_tile_place *place;   /* per tile id; of no texels where nobody has claimed it */
+    struct lw_fine_ids *fine;      /* ids from plain_count on; NULL: there are none */
 };
 
 #ifdef __cplusplus

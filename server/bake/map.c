@@ -60,7 +60,7 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
                        float plane[3][LW_TILE_TEXELS_MAX]) {
     double squares = 0;
     map->samples = UINT32_MAX;
-    const struct lw_atlas_level *level = &atlas_map->atlas[map->object].level[0];
+    const struct lw_atlas_level *level = &atlas_map->atlas[map->object]->level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
         const lw_tile_id id = {atlas_map->first_tile[map->object] + level->first_tile + t};
         struct lw_solver_tile tile;
@@ -128,7 +128,7 @@ static enum lw_status build(struct lw_map *map, const struct lw_scene *scene,
                            .width = mesh->atlas_width,
                            .height = mesh->atlas_height,
                            .back_offset = mesh->back_offset};
-    if (lw_levels_init(&levels, content->channel, &atlas_map->atlas[object]) != LW_OK)
+    if (lw_levels_init(&levels, content->channel, atlas_map->atlas[object]) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "the map of object %u", object);
     float(*plane)[LW_TILE_TEXELS_MAX] = malloc(3 * sizeof *plane);
     map->rgba = calloc((size_t)map->width * map->height, 4 * sizeof *map->rgba);

@@ -124,7 +124,7 @@ static enum lw_status create_channel(const struct lw_atlas_map *map, const bool 
             ? LW_OK
             : LW_NO_MEMORY;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
-        status = lw_levels_init(&channel->levels[o], number, &map->atlas[o]);
+        status = lw_levels_init(&channel->levels[o], number, map->atlas[o]);
         if (status == LW_OK && !keeps_state[o]) lw_levels_drop(&channel->levels[o]);
     }
     if (status == LW_OK)
@@ -252,7 +252,7 @@ struct tile_range {
 
 static struct tile_range level0_of(const struct lw_atlas_map *map, uint32_t object) {
     const uint32_t first = map->first_tile[object];
-    const uint32_t count = map->atlas[object].level_count ? level0_tiles(&map->atlas[object]) : 0;
+    const uint32_t count = map->atlas[object]->level_count ? level0_tiles(map->atlas[object]) : 0;
     LW_INVARIANT(first + count <= map->tile_count);
     return (struct tile_range){first, first + count};
 }
@@ -371,7 +371,7 @@ static float find_dark(const struct lw_atlas_map *map, const struct channel *cha
 float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver *solver, lw_tile_id id,
                          uint32_t *out_bounces) {
     const struct lw_tile_place *place = &map->place[id.v];
-    const struct lw_atlas_level *fine = &map->atlas[place->object].level[0];
+    const struct lw_atlas_level *fine = &map->atlas[place->object]->level[0];
     float error = 0;
     uint32_t bounces = UINT32_MAX;
     uint32_t x0 = place->x << place->level, y0 = place->y << place->level;

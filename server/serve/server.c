@@ -35,7 +35,7 @@ static enum lw_status make_order(const struct lw_atlas_map *map, uint32_t **out_
     if (!order) return LW_NO_MEMORY;
     for (uint32_t above = 0; above < LW_ATLAS_LEVELS_MAX; above++)
         for (uint32_t o = 0; o < map->object_count; o++) {
-            const struct lw_atlas *atlas = &map->atlas[o];
+            const struct lw_atlas *atlas = map->atlas[o];
             if (above >= atlas->level_count) continue;
             const struct lw_atlas_level *level = &atlas->level[atlas->level_count - 1 - above];
             for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++)

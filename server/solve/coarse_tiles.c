@@ -109,7 +109,7 @@ struct below {
 
 static struct below list_below(const struct lw_atlas_map *coarse_map, uint32_t object, int64_t x0,
                                int64_t y0) {
-    const struct lw_atlas_level *level = &coarse_map->atlas[object].level[0];
+    const struct lw_atlas_level *level = &coarse_map->atlas[object]->level[0];
     struct below below = {.count = 0};
     for (int corner = 0; corner < 4; corner++) {
         const int64_t x = corner % 2 ? x0 + PATCH_SIDE - 1 : x0, y = corner / 2 ? y0 + PATCH_SIDE - 1 : y0,

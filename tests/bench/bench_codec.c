@@ -64,7 +64,7 @@ static void *copy(const void *from, size_t size) {
 }
 
 static enum lw_status take_object(struct job *job, uint32_t object, struct tile *set) {
-    const struct lw_atlas *atlas = &job->map.atlas[object];
+    const struct lw_atlas *atlas = job->map.atlas[object];
     const uint32_t first = job->map.first_tile[object];
     float rgb[LW_TILE_TEXELS_MAX * 3];
     uint8_t covered[LW_TILE_TEXELS_MAX];

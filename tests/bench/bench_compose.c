@@ -61,7 +61,7 @@ struct scene {
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct scene *s = context;
-    const struct lw_atlas_level *l = &s->map.atlas[object].level[k];
+    const struct lw_atlas_level *l = &s->map.atlas[object]->level[k];
     return (struct lw_client_level){.width = l->width,
                                     .height = l->height,
                                     .rgb = s->light,
@@ -204,7 +204,7 @@ static enum lw_status measure(struct scene *s, const char *name, bool moving, st
 static enum lw_status make_light(struct scene *s) {
     size_t texels = 1;
     for (uint32_t o = 0; o < s->map.object_count; o++) {
-        const size_t count = (size_t)s->map.atlas[o].level[0].width * s->map.atlas[o].level[0].height;
+        const size_t count = (size_t)s->map.atlas[o]->level[0].width * s->map.atlas[o]->level[0].height;
         if (count > texels) texels = count;
     }
     s->light = malloc(texels * 3 * sizeof *s->light);

@@ -65,7 +65,7 @@ struct scene {
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct scene *s = context;
-    const struct lw_atlas_level *l = &s->map.atlas[object].level[k];
+    const struct lw_atlas_level *l = &s->map.atlas[object]->level[k];
     return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = s->light};
 }
 
@@ -109,8 +109,8 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
     s->view = (struct lw_compose_view){.width = (uint32_t)o->width, .height = (uint32_t)o->height};
     size_t most = 1;
     for (uint32_t i = 0; i < s->map.object_count; i++)
-        for (uint32_t k = 0; k < s->map.atlas[i].level_count; k++) {
-            const struct lw_atlas_level *l = &s->map.atlas[i].level[k];
+        for (uint32_t k = 0; k < s->map.atlas[i]->level_count; k++) {
+            const struct lw_atlas_level *l = &s->map.atlas[i]->level[k];
             most = (size_t)l->width * l->height > most ? (size_t)l->width * l->height : most;
         }
     s->light = malloc(most * 3 * sizeof *s->light);

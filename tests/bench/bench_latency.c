@@ -107,7 +107,7 @@ static void find_touched(struct bench *b) {
         const uint32_t level = latency_light_level(l, place->object);
         b->touched[t] = 0;
         if (place->level > level || !l->wanted[t]) continue;
-        const uint32_t width = l->map.atlas[place->object].level[level].width, shift = level - place->level;
+        const uint32_t width = l->map.atlas[place->object]->level[level].width, shift = level - place->level;
         double change = 0, whole = 0;
         for (uint32_t y = place->y * LW_TILE_SIDE >> shift;
              y < (place->y * LW_TILE_SIDE + place->height) >> shift; y++)

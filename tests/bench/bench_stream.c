@@ -136,7 +136,7 @@ static void take_light(struct job *job, const struct lw_solver *solver) {
         lw_levels_load_tile(&job->levels[place->object], place, &tile);
     }
     for (uint32_t o = 0; o < map->object_count; o++)
-        if (map->atlas[o].tile_count) lw_levels_build(&job->levels[o]);
+        if (map->atlas[o]->tile_count) lw_levels_build(&job->levels[o]);
 }
 
 /* ---- light, as it has been sent ---- */
@@ -541,8 +541,8 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     job->sent_levels = calloc((size_t)job->map.object_count + 1, sizeof *job->sent_levels);
     if (!job->levels || !job->tile || !job->moment || !job->picture || !job->sent_levels) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < job->map.object_count; o++) {
-        enum lw_status status = lw_levels_init(&job->levels[o], job->form, &job->map.atlas[o]);
-        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], job->form, &job->map.atlas[o]);
+        enum lw_status status = lw_levels_init(&job->levels[o], job->form, job->map.atlas[o]);
+        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], job->form, job->map.atlas[o]);
         if (status != LW_OK) return status;
     }
     enum lw_status status = choose_drawn(job, err);

@@ -33,7 +33,7 @@ enum lw_status bench_view_light_init(struct bench_view_light *light, const struc
     if (!light->levels || !light->tile_error || !light->tile_bounces)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of tiles");
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
-        status = lw_levels_init(&light->levels[o], LW_LIGHT_FORM_FULL, &map->atlas[o]);
+        status = lw_levels_init(&light->levels[o], LW_LIGHT_FORM_FULL, map->atlas[o]);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for the light of tiles");
 }
 
@@ -49,8 +49,8 @@ void bench_view_light_finish(struct bench_view_light *light) {
 void bench_view_light_read(struct bench_view_light *light, const struct lw_solver *solver) {
     const struct lw_atlas_map *map = light->map;
     for (uint32_t o = 0; o < map->object_count; o++) {
-        if (!map->atlas[o].level_count) continue;
-        const uint32_t tiles = map->atlas[o].level[0].tiles_x * map->atlas[o].level[0].tiles_y;
+        if (!map->atlas[o]->level_count) continue;
+        const uint32_t tiles = map->atlas[o]->level[0].tiles_x * map->atlas[o]->level[0].tiles_y;
         for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles; id++) {
             struct lw_solver_tile solved;
             solver->ops->read_tile(solver, (lw_tile_id){id}, &solved);

@@ -67,15 +67,15 @@ void *latency_room(size_t count, size_t size) {
 /* ---- texels ---- */
 
 uint32_t latency_light_level(const struct latency_light *l, uint32_t object) {
-    const uint32_t levels = l->map.atlas[object].level_count;
+    const uint32_t levels = l->map.atlas[object]->level_count;
     return levels > LEVEL ? LEVEL : levels - 1;
 }
 
 static void lay_out_squares(struct latency_light *l) {
     l->square = latency_room(l->texel_count, sizeof *l->square);
     for (uint32_t o = 0; o < l->map.object_count; o++) {
-        if (!l->map.atlas[o].level_count) continue;
-        const struct lw_atlas_level *level = &l->map.atlas[o].level[latency_light_level(l, o)];
+        if (!l->map.atlas[o]->level_count) continue;
+        const struct lw_atlas_level *level = &l->map.atlas[o]->level[latency_light_level(l, o)];
         const uint32_t columns = (level->width + SQUARE - 1) / SQUARE;
         for (uint32_t y = 0; y < level->height; y++)
             for (uint32_t x = 0; x < level->width; x++)
@@ -93,8 +93,8 @@ static void lay_out(struct latency_light *l, const struct lw_scene *scene) {
     l->first = latency_room(l->map.object_count, sizeof *l->first);
     for (uint32_t o = 0; o < l->map.object_count; o++) {
         l->first[o] = l->texel_count;
-        if (!l->map.atlas[o].level_count) continue;
-        const struct lw_atlas_level *level = &l->map.atlas[o].level[latency_light_level(l, o)];
+        if (!l->map.atlas[o]->level_count) continue;
+        const struct lw_atlas_level *level = &l->map.atlas[o]->level[latency_light_level(l, o)];
         l->texel_count += (size_t)level->width * level->height;
     }
     lay_out_squares(l);
@@ -105,7 +105,7 @@ static void lay_out(struct latency_light *l, const struct lw_scene *scene) {
 
 void latency_light_read(const struct latency_light *l, const struct lw_client *client, float *out) {
     for (uint32_t o = 0; o < l->map.object_count; o++) {
-        if (!l->map.atlas[o].level_count) continue;
+        if (!l->map.atlas[o]->level_count) continue;
         const struct lw_client_level level = lw_client_get_level(client, o, latency_light_level(l, o));
         memcpy(out + LATENCY_CHANNELS * l->first[o], level.rgb,
                (size_t)level.width * level.height * LATENCY_CHANNELS * sizeof *out);
@@ -116,7 +116,7 @@ void latency_light_read(const struct latency_light *l, const struct lw_client *c
 static void show_hit(const struct latency_light *l, const struct lw_scene *scene, const struct lw_hit16 *hits,
                      unsigned i, uint8_t *shown) {
     const uint32_t o = hits->object[i];
-    if (o == LW_TRACE_MISS || !l->map.atlas[o].level_count) return;
+    if (o == LW_TRACE_MISS || !l->map.atlas[o]->level_count) return;
     const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
     const uint32_t level = latency_light_level(l, o);
     const float weight[3] = {1 - hits->u[i] - hits->v[i], hits->u[i], hits->v[i]};
@@ -124,7 +124,7 @@ static void show_hit(const struct latency_light *l, const struct lw_scene *scene
     lw_scene_facet(scene, mesh, hits->triangle[i], &facet);
     struct lw_vec2 uv = lw_scene_facet_mean(facet.lightmap_uv, weight);
     if (hits->back[i]) uv.y += (float)mesh->back_offset;
-    const struct lw_atlas_level *at = &l->map.atlas[o].level[level];
+    const struct lw_atlas_level *at = &l->map.atlas[o]->level[level];
     const uint32_t x = (uint32_t)uv.x >> level, y = (uint32_t)uv.y >> level;
     if (x < at->width && y < at->height) shown[l->first[o] + (size_t)y * at->width + x] = 1;
 }

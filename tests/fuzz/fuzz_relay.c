@@ -133,7 +133,7 @@ static void hang_up(struct lw_relay_upstream **up) {
 /* Tiles of a finer level of the first object that has a lightmap. */
 static lw_tile_id fine_tile(const struct lw_atlas_map *map, uint32_t number) {
     uint32_t object = 0;
-    while (!map->atlas[object].level_count) object++;
+    while (!map->atlas[object]->level_count) object++;
     const lw_tile_id id = lw_atlas_map_claim_tile(map, object, LW_ATLAS_FINER + 1, number);
     require(id.v != UINT32_MAX);
     return id;
@@ -206,7 +206,7 @@ static void show(struct lw_relay_light *light, struct lw_replica *follower) {
                 lw_replica_get_tile(follower, (lw_tile_id){t}).version == tile->version);
     }
     for (uint32_t o = 0; o < map->object_count; o++)
-        for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+        for (uint32_t l = 0; l < map->atlas[o]->level_count; l++) {
             const struct lw_client_level a = lw_replica_get_level(newcomer, o, l),
                                          b = lw_replica_get_level(follower, o, l);
             require(!memcmp(a.rgb, b.rgb, 3 * sizeof(float) * (size_t)a.width * a.height));

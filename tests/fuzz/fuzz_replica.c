@@ -31,7 +31,7 @@ static void check_light(const struct lw_replica *r) {
     const struct lw_atlas_map *map = lw_replica_atlas_map(r);
     for (uint32_t o = 0; o < map->object_count; o++) {
         (void)lw_replica_object_hidden(r, o);
-        for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+        for (uint32_t l = 0; l < map->atlas[o]->level_count; l++) {
             const struct lw_client_level level = lw_replica_get_level(r, o, l);
             for (size_t i = 0; i < 3 * (size_t)level.width * level.height; i++)
                 require(level.rgb[i] >= 0 && isfinite(level.rgb[i]) &&

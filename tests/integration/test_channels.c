@@ -205,8 +205,8 @@ static double error_of(const struct lw_atlas_level *level, uint32_t object, uint
 static void expect_all(const struct world *w, const struct lw_client *client, double drift_most,
                        double light_most) {
     for (uint32_t o = 0; o < w->map.object_count; o++)
-        for (uint32_t l = 0; l < 2 && l < w->map.atlas[o].level_count; l++) {
-            const struct lw_atlas_level *level = &w->map.atlas[o].level[l];
+        for (uint32_t l = 0; l < 2 && l < w->map.atlas[o]->level_count; l++) {
+            const struct lw_atlas_level *level = &w->map.atlas[o]->level[l];
             const float *drift = lw_client_get_texels(client, SLOT, o, l);
             assert_non_null(drift);
             const double drift_error = error_of(level, o, l, PLANES, drift, drift_at),

@@ -205,7 +205,7 @@ static bool same_tiles(const struct lw_client *a, const struct lw_client *b) {
 static bool same_light(const struct lw_client *a, const struct lw_client *b) {
     const struct lw_atlas_map *map = lw_client_atlas_map(a);
     for (uint32_t o = 0; o < map->object_count; o++)
-        for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+        for (uint32_t l = 0; l < map->atlas[o]->level_count; l++) {
             struct lw_client_level of_a = lw_client_get_level(a, o, l), of_b = lw_client_get_level(b, o, l);
             assert_true(of_a.width > 0 && of_a.width == of_b.width && of_a.height == of_b.height);
             if (memcmp(of_a.rgb, of_b.rgb, sizeof(float) * 3 * of_a.width * of_a.height) != 0) return false;

@@ -453,7 +453,7 @@ static void test_coarse_light_stands_in(void **state) {
     for (uint32_t o = 0; o < live->scene->object_count; o++) {
         struct lw_live_rect level;
         ok(lw_live_get_level(live, o, 0, &level, &err));
-        if (live->tiles.map->atlas[o].level_count < 2) continue;
+        if (live->tiles.map->atlas[o]->level_count < 2) continue;
         assert_int_equal(
             lw_client_get_tile(live->client, lw_atlas_map_find(live->tiles.map, o, 0, 0, 0)).version, 0);
         float rgb[3];

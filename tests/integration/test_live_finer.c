@@ -311,7 +311,7 @@ static float *read_all(size_t *out_count) {
     float *rgb = malloc(capacity * sizeof *rgb);
     assert_non_null(rgb);
     for (uint32_t o = 0; o < live->scene->object_count; o++)
-        for (uint32_t l = 0; l < live->tiles.map->atlas[o].level_count; l++) {
+        for (uint32_t l = 0; l < live->tiles.map->atlas[o]->level_count; l++) {
             struct lw_live_rect level;
             ok(lw_live_get_level(live, o, l, &level, &err));
             struct lw_live_texels to = {.struct_size = sizeof to,
@@ -330,7 +330,7 @@ static void want_all(bool with) {
     struct lw_live_rect wanted[128];
     size_t rects = 0;
     for (uint32_t o = 0; o < live->scene->object_count; o++)
-        for (uint32_t l = 0; l < live->tiles.map->atlas[o].level_count; l++) {
+        for (uint32_t l = 0; l < live->tiles.map->atlas[o]->level_count; l++) {
             assert_true(rects + 1 < sizeof wanted / sizeof *wanted);
             ok(lw_live_get_level(live, o, l, &wanted[rects++], &err));
         }

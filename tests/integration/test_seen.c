@@ -125,7 +125,7 @@ static double solved_over(struct lw_process *daemon, unsigned frames) {
 static void find_objects(const struct lw_atlas_map *map, uint32_t out[2]) {
     uint32_t most[2] = {0};
     for (uint32_t o = 0; o < map->object_count; o++) {
-        const uint32_t tiles = map->atlas[o].level[0].tiles_x * map->atlas[o].level[0].tiles_y;
+        const uint32_t tiles = map->atlas[o]->level[0].tiles_x * map->atlas[o]->level[0].tiles_y;
         if (tiles > 20) continue; /* not one that is most of the scene */
         const int place = tiles > most[0] ? 0 : tiles > most[1] ? 1 : 2;
         if (place == 0) most[1] = most[0], out[1] = out[0];
@@ -178,7 +178,7 @@ static void clients_come_and_go(void **state) {
             next_frame(&daemon);
         }
         const lw_tile_id other = {lw_client_atlas_map(client[i])->first_tile[object[1 - i]]};
-        const struct lw_atlas *atlas = &lw_client_atlas_map(client[i])->atlas[object[1 - i]];
+        const struct lw_atlas *atlas = lw_client_atlas_map(client[i])->atlas[object[1 - i]];
         if (atlas->level_count > 1) assert_int_equal(lw_client_get_tile(client[i], other).version, 0);
         assert_true(lw_client_get_tile(client[i], (lw_tile_id){other.v + atlas->tile_count - 1}).version > 0);
     }

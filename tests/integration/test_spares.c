@@ -97,7 +97,7 @@ static void change(struct lw_client *client, enum lw_scene_change_kind kind, uin
 /* Mean E of the coarsest level, over lit texels. */
 static double brightness(const struct lw_client *client, uint32_t object) {
     const struct lw_client_level level =
-        lw_client_get_level(client, object, lw_client_atlas_map(client)->atlas[object].level_count - 1);
+        lw_client_get_level(client, object, lw_client_atlas_map(client)->atlas[object]->level_count - 1);
     double sum = 0, count = 0;
     for (uint32_t i = 0; i < 3 * level.width * level.height; i++) {
         sum += (double)level.rgb[i];

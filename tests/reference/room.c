@@ -242,7 +242,7 @@ void room_each_texel(const struct room_solution *solution, uint32_t object, room
     struct lw_texels texels;
     lw_support_ok(lw_texels_init(&texels, solution->scene, 1, NULL, NULL, &err), &err);
     const struct lw_mesh_texels *mesh = &texels.mesh[solution->scene->object[object].mesh];
-    const struct lw_atlas_level *level = &solution->map.atlas[object].level[0];
+    const struct lw_atlas_level *level = &solution->map.atlas[object]->level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
         struct lw_solver_tile tile;
         solution->solver->ops->read_tile(solution->solver, (lw_tile_id){solution->map.first_tile[object] + t},
@@ -302,7 +302,7 @@ struct room_mean room_object_mean(const struct room_solution *solution, uint32_t
 }
 
 struct lw_vec3 room_texel(const struct room_solution *solution, uint32_t object, uint32_t x, uint32_t y) {
-    const struct lw_atlas_level *level = &solution->map.atlas[object].level[0];
+    const struct lw_atlas_level *level = &solution->map.atlas[object]->level[0];
     const uint32_t id =
         solution->map.first_tile[object] + y / LW_TILE_SIDE * level->tiles_x + x / LW_TILE_SIDE;
     struct lw_solver_tile tile;

@@ -196,7 +196,7 @@ static void test_parts_of_a_frame_show_the_same(void **state) {
     struct room_solution whole, parts;
     solve_in_parts(&whole, &room, 1);
     solve_in_parts(&parts, &room, 4);
-    assert_true(whole.map.atlas[0].level[0].tiles_x >= 3);
+    assert_true(whole.map.atlas[0]->level[0].tiles_x >= 3);
     size_t filtered = 0;
     for (uint32_t id = 0; id < whole.map.tile_count; id++) {
         if (whole.map.place[id].level) continue;

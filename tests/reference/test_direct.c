@@ -370,8 +370,8 @@ static uint32_t covered_floor_texels(const struct room *room) {
     struct room_solution solution;
     uint32_t covered = 0;
     room_solve(&solution, room, (struct lw_solver_desc){0}, 1);
-    for (uint32_t t = 0; t < solution.map.atlas[0].level[0].tiles_x * solution.map.atlas[0].level[0].tiles_y;
-         t++) {
+    for (uint32_t t = 0;
+         t < solution.map.atlas[0]->level[0].tiles_x * solution.map.atlas[0]->level[0].tiles_y; t++) {
         struct lw_solver_tile tile;
         solution.solver->ops->read_tile(solution.solver, (lw_tile_id){t}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) covered += tile.covered[i];

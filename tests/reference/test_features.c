@@ -203,7 +203,7 @@ static void test_sides_of_a_plate(void **state) {
     const struct lw_mesh *mesh = &solution.scene->mesh[0];
     assert_true(mesh->back_offset > 0);
     double sum[2] = {0}, count[2] = {0};
-    const struct lw_atlas_level *level = &solution.map.atlas[0].level[0];
+    const struct lw_atlas_level *level = &solution.map.atlas[0]->level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
         struct lw_solver_tile tile;
         solution.solver->ops->read_tile(solution.solver, (lw_tile_id){solution.map.first_tile[0] + t}, &tile);

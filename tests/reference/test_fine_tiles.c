@@ -197,7 +197,7 @@ static uint32_t list(const struct room_solution *s, uint32_t object, uint32_t *o
 }
 
 static uint32_t tiles_of(const struct room_solution *s, uint32_t object, uint32_t finer) {
-    const struct lw_atlas_level *level = lw_atlas_level(&s->map.atlas[object], LW_ATLAS_FINER + finer);
+    const struct lw_atlas_level *level = lw_atlas_level(s->map.atlas[object], LW_ATLAS_FINER + finer);
     return level->tiles_x * level->tiles_y;
 }
 
@@ -211,8 +211,8 @@ static void those_that_are_looked_at_have_the_room(void **state) {
     struct lw_scene *scene = scene_of(0);
     struct lw_atlas_map map;
     name_all(&map, scene, FINER);
-    desc.fine_tiles = lw_atlas_level(&map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_x *
-                      lw_atlas_level(&map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_y;
+    desc.fine_tiles = lw_atlas_level(map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_x *
+                      lw_atlas_level(map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_y;
     lw_atlas_map_finish(&map);
     begin(&s, scene, FINER, desc);
     const uint32_t first = tiles_of(&s, 0, FINER), second = tiles_of(&s, 1, FINER);

@@ -39,7 +39,7 @@ static void small_limit(GLenum name, GLint *out) {
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     (void)context;
-    const struct lw_atlas_level *l = &map.atlas[object].level[k];
+    const struct lw_atlas_level *l = &map.atlas[object]->level[k];
     return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = black};
 }
 
@@ -63,8 +63,8 @@ static int start(void **state) {
     lw_support_ok(lw_trace_create(scene, &pose, &trace, &err), &err);
     lw_support_ok(lw_client_lights_init(&drawn, scene, &pose, "auto", &err), &err);
     for (uint32_t o = 0; o < map.object_count; o++)
-        for (uint32_t k = 0; k < map.atlas[o].level_count; k++) {
-            const size_t size = (size_t)map.atlas[o].level[k].width * map.atlas[o].level[k].height;
+        for (uint32_t k = 0; k < map.atlas[o]->level_count; k++) {
+            const size_t size = (size_t)map.atlas[o]->level[k].width * map.atlas[o]->level[k].height;
             if (size > texels) texels = size;
         }
     black = calloc(3 * texels, sizeof *black);

@@ -35,12 +35,12 @@ struct world {
 
 static const struct lw_atlas_level *level_of(const struct world *w, uint32_t o, uint32_t k) {
     const uint32_t number = k < LW_ATLAS_LEVELS_MAX ? k : k - LW_ATLAS_LEVELS_MAX + 1 + LW_ATLAS_FINER;
-    return lw_atlas_level(&w->map.atlas[o], number);
+    return lw_atlas_level(w->map.atlas[o], number);
 }
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t number) {
     const struct world *w = context;
-    const struct lw_atlas_level *l = lw_atlas_level(&w->map.atlas[object], number);
+    const struct lw_atlas_level *l = lw_atlas_level(w->map.atlas[object], number);
     const uint32_t finer = lw_atlas_finer(number), at = finer ? LW_ATLAS_LEVELS_MAX + finer - 1 : number;
     return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = w->rgb[object][at]};
 }
@@ -155,7 +155,7 @@ static void start(struct world *w, bool even) {
     assert_non_null(w->tile);
     for (uint32_t o = 0; o < OBJECTS; o++)
         for (uint32_t k = 0; k < LEVELS; k++)
-            if (k >= LW_ATLAS_LEVELS_MAX || k < w->map.atlas[o].level_count) fill(w, o, k, even);
+            if (k >= LW_ATLAS_LEVELS_MAX || k < w->map.atlas[o]->level_count) fill(w, o, k, even);
     for (uint32_t t = 0; t < w->map.tile_count; t++) w->tile[t] = (struct lw_client_tile){.version = 1};
     cut_tiles(w);
     w->source = (struct lw_compose_source){.context = w, .level = level, .tile = tile, .noise_shown = 1};
@@ -400,7 +400,7 @@ static void test_scale(void **state) {
     start(&w, false);
     draw(&w, 0, before);
     for (uint32_t o = 0; o < OBJECTS; o++) {
-        const uint32_t k = w.map.atlas[o].level_count - 1;
+        const uint32_t k = w.map.atlas[o]->level_count - 1;
         const struct lw_atlas_level *l = level_of(&w, o, k);
         for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++) w.rgb[o][k][i] *= 4096;
         w.tile[lw_atlas_map_first(&w.map, o, k)].version++;
@@ -561,7 +561,7 @@ static void test_versions(void **state) {
     struct pool p;
     start_pool(&p);
     const struct lw_tile_place *place = &p.world.map.place[nth(&p, 0)];
-    const uint32_t tiles_x = lw_atlas_level(&p.world.map.atlas[place->object], place->level)->tiles_x;
+    const uint32_t tiles_x = lw_atlas_level(p.world.map.atlas[place->object], place->level)->tiles_x;
     assert_int_equal(tiles_x, 2); /* 128 x 128 texels: four tiles */
     for (uint32_t i = 0; i < 4; i++) p.world.tile[nth(&p, i)].version = 1;
     take(&p, UINT32_MAX);

@@ -42,7 +42,7 @@ struct world {
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct world *w = context;
-    const struct lw_atlas_level *l = &w->map.atlas[object].level[k];
+    const struct lw_atlas_level *l = &w->map.atlas[object]->level[k];
     const size_t at = object * LW_ATLAS_LEVELS_MAX + k;
     return (struct lw_client_level){.width = l->width,
                                     .height = l->height,
@@ -57,7 +57,7 @@ static struct lw_client_tile tile(const void *context, lw_tile_id id) {
 /* Waves of light of about 5 W/m^2 x `scale`, which differ from object to object, and by
  * `tint` from level to level. */
 static void fill(struct world *w, uint32_t o, uint32_t k, float tint, float scale) {
-    const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
+    const struct lw_atlas_level *l = &w->map.atlas[o]->level[k];
     float *rgb = calloc((size_t)l->width * l->height * 3, sizeof *rgb);
     assert_non_null(rgb);
     w->rgb[o * LW_ATLAS_LEVELS_MAX + k] = rgb;
@@ -75,8 +75,8 @@ static void fill_directions(struct world *w) {
     w->direction = calloc((size_t)w->scene->object_count * LW_ATLAS_LEVELS_MAX, sizeof *w->direction);
     assert_non_null(w->direction);
     for (uint32_t o = 0; o < w->scene->object_count; o++)
-        for (uint32_t k = 0; k < w->map.atlas[o].level_count; k++) {
-            const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
+        for (uint32_t k = 0; k < w->map.atlas[o]->level_count; k++) {
+            const struct lw_atlas_level *l = &w->map.atlas[o]->level[k];
             float *xyz = calloc((size_t)l->width * l->height * 3, sizeof *xyz);
             assert_non_null(xyz);
             w->direction[o * LW_ATLAS_LEVELS_MAX + k] = xyz;
@@ -153,7 +153,7 @@ static void start(struct world *w, struct lw_scene *scene, float tint, float sca
     w->by_gl = calloc((size_t)PIXELS * 3, sizeof *w->by_gl);
     assert_true(w->rgb && w->tile && w->by_cpu && w->by_gl);
     for (uint32_t o = 0; o < scene->object_count; o++)
-        for (uint32_t k = 0; k < w->map.atlas[o].level_count; k++) fill(w, o, k, tint, scale);
+        for (uint32_t k = 0; k < w->map.atlas[o]->level_count; k++) fill(w, o, k, tint, scale);
     for (uint32_t t = 0; t < w->map.tile_count; t++) w->tile[t] = (struct lw_client_tile){.version = 1};
     const float *sky = scene->sky;
     w->source = (struct lw_compose_source){
@@ -329,7 +329,7 @@ static void test_part_of_the_light(void **state) {
         const uint32_t number = t * 2654435761u >> 16;
         w.tile[t].error = (float)(number % 5) * 0.08f;
         w.tile[t].version = 1 + (number % 7 != 0);
-        if (number % 3 == 0 && p->level + 1 < w.map.atlas[p->object].level_count)
+        if (number % 3 == 0 && p->level + 1 < w.map.atlas[p->object]->level_count)
             w.tile[t].version = 0, lacking++;
     }
     print_message("%u of %u tiles lack\n", lacking, w.map.tile_count);

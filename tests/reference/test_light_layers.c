@@ -30,7 +30,7 @@ struct picture {
 
 static struct picture look(const struct room_solution *s) {
     struct picture picture = {.count = 0};
-    const struct lw_atlas_level *level = &s->map.atlas[0].level[0];
+    const struct lw_atlas_level *level = &s->map.atlas[0]->level[0];
     for (int c = 0; c < 3; c++)
         picture.light[c] =
             malloc(level->tiles_x * level->tiles_y * LW_TILE_SIDE * LW_TILE_SIDE * sizeof(float));

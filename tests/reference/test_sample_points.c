@@ -160,12 +160,12 @@ static void test_a_coarse_sphere_shades_smoothly(void **state) {
     const struct lw_mesh_texels *mesh = &texels.mesh[0];
     unsigned lit_texels = 0, near_terminator = 0;
     double sum = 0, want_sum = 0;
-    for (uint32_t t = 0; t < solution.map.atlas[0].level[0].tiles_x * solution.map.atlas[0].level[0].tiles_y;
-         t++) {
+    for (uint32_t t = 0;
+         t < solution.map.atlas[0]->level[0].tiles_x * solution.map.atlas[0]->level[0].tiles_y; t++) {
         struct lw_solver_tile tile;
         solution.solver->ops->read_tile(solution.solver, (lw_tile_id){t}, &tile);
-        const uint32_t start = lw_texels_tile_start(mesh, t % solution.map.atlas[0].level[0].tiles_x,
-                                                    t / solution.map.atlas[0].level[0].tiles_x);
+        const uint32_t start = lw_texels_tile_start(mesh, t % solution.map.atlas[0]->level[0].tiles_x,
+                                                    t / solution.map.atlas[0]->level[0].tiles_x);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
             const double cosine =

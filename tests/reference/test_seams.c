@@ -131,7 +131,7 @@ static void test_parts_of_a_frame(void **state) {
     struct room_solution whole, parts;
     solve_ball_in_parts(&whole, 1);
     solve_ball_in_parts(&parts, 5);
-    assert_true(whole.map.atlas[0].tile_count >= 10);
+    assert_true(whole.map.atlas[0]->tile_count >= 10);
     double off = 0, welded = 0, square = 0;
     for (uint32_t id = 0; id < whole.map.tile_count; id++) {
         if (whole.map.place[id].level) continue;

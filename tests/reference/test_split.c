@@ -56,7 +56,7 @@ struct shown {
 static struct shown look(const struct parted *p, uint32_t object) {
     struct shown shown = {0};
     double count = 0;
-    const struct lw_atlas_level *level = &p->s.map.atlas[object].level[0];
+    const struct lw_atlas_level *level = &p->s.map.atlas[object]->level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
         struct lw_solver_tile tile;
         p->s.solver->ops->read_tile(p->s.solver, (lw_tile_id){p->s.map.first_tile[object] + t}, &tile);
@@ -272,7 +272,7 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
  * error. */
 static double error_between(const struct parted *a, const struct parted *b) {
     double square = 0, light = 0, count = 0;
-    const struct lw_atlas_level *level = &a->s.map.atlas[0].level[0];
+    const struct lw_atlas_level *level = &a->s.map.atlas[0]->level[0];
     for (uint32_t t = 0; t < level->tiles_x * level->tiles_y; t++) {
         struct lw_solver_tile x, y;
         a->s.solver->ops->read_tile(a->s.solver, (lw_tile_id){a->s.map.first_tile[0] + t}, &x);

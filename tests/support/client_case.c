@@ -69,7 +69,7 @@ struct lw_message client_case_tile_message(const struct client_case_world *w, ui
     struct lw_message m = {.type = LW_MESSAGE_TILE,
                            .tile = {.object = p->object,
                                     .level = p->level,
-                                    .tile = p->y * w->map.atlas[p->object].level[p->level].tiles_x + p->x,
+                                    .tile = p->y * w->map.atlas[p->object]->level[p->level].tiles_x + p->x,
                                     .version = version,
                                     .codec = LW_TILE_CODEC_HALF_ZSTD,
                                     .bounces = 2,
@@ -87,8 +87,8 @@ void client_case_expect_texels(const struct lw_client *client, const struct clie
                                uint64_t version) {
     const struct lw_tile_place *p = &w->map.place[id];
     struct lw_client_level level = lw_client_get_level(client, p->object, p->level);
-    assert_int_equal(level.width, w->map.atlas[p->object].level[p->level].width);
-    assert_int_equal(level.height, w->map.atlas[p->object].level[p->level].height);
+    assert_int_equal(level.width, w->map.atlas[p->object]->level[p->level].width);
+    assert_int_equal(level.height, w->map.atlas[p->object]->level[p->level].height);
     for (uint32_t y = p->y * LW_TILE_SIDE; y < p->y * LW_TILE_SIDE + p->height; y++)
         for (uint32_t x = p->x * LW_TILE_SIDE; x < p->x * LW_TILE_SIDE + p->width; x++)
             for (int c = 0; c < 3; c++) {

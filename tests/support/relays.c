@@ -155,7 +155,7 @@ void lw_relays_expect_same_texels(void) {
     const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
     for (int i = 1; i < LW_RELAYS_CLIENTS; i++)
         for (uint32_t o = 0; lw_relays_client[i] && o < map->object_count; o++)
-            for (uint32_t l = 0; l < map->atlas[o].level_count; l++) {
+            for (uint32_t l = 0; l < map->atlas[o]->level_count; l++) {
                 const struct lw_client_level ours = lw_client_get_level(lw_relays_client[i], o, l),
                                              theirs = lw_client_get_level(lw_relays_client[0], o, l);
                 assert_true(ours.width == theirs.width && ours.height == theirs.height);

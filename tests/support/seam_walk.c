@@ -42,8 +42,8 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
     enum lw_status status = plain && walk->levels && walk->coarsest ? find_coarsest(walk) : LW_NO_MEMORY;
     double sum = 0, count = 0;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
-        if ((status = lw_levels_init(&walk->levels[o], LW_LIGHT_FORM_FULL, &map->atlas[o])) != LW_OK) break;
-        for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles_of(&map->atlas[o]); id++) {
+        if ((status = lw_levels_init(&walk->levels[o], LW_LIGHT_FORM_FULL, map->atlas[o])) != LW_OK) break;
+        for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles_of(map->atlas[o]); id++) {
             struct lw_solver_tile tile;
             solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {
@@ -175,7 +175,7 @@ void seam_walk_mean_change(const struct lw_atlas_map *map, const struct lw_solve
     *out_object = 0;
     for (uint32_t o = 0; o < map->object_count; o++) {
         double sum[2] = {0}, count = 0;
-        for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles_of(&map->atlas[o]); id++) {
+        for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles_of(map->atlas[o]); id++) {
             struct lw_solver_tile tile;
             solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {

@@ -23,7 +23,7 @@ struct world {
 
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct world *w = context;
-    const struct lw_atlas_level *l = &w->map.atlas[object].level[k];
+    const struct lw_atlas_level *l = &w->map.atlas[object]->level[k];
     return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = w->light};
 }
 

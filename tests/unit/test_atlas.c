@@ -43,7 +43,7 @@ static void test_every_place_is_found_under_its_id(void **state) {
     for (uint32_t id = 0; id < map.tile_count; id++) {
         const struct lw_tile_place *p = &map.place[id];
         assert_int_equal(lw_atlas_map_find(&map, p->object, p->level, p->x, p->y).v, id);
-        uint32_t number = p->y * map.atlas[p->object].level[p->level].tiles_x + p->x;
+        uint32_t number = p->y * map.atlas[p->object]->level[p->level].tiles_x + p->x;
         assert_int_equal(lw_atlas_map_find_tile(&map, p->object, p->level, number).v, id);
         assert_int_equal(lw_atlas_map_number(&map, (lw_tile_id){id}), number);
         assert_true(p->width >= 1 && p->width <= LW_TILE_SIDE && p->height >= 1 && p->height <= LW_TILE_SIDE);
@@ -65,11 +65,11 @@ static void test_places_outside_are_not_found(void **state) {
     assert_int_equal(lw_atlas_map_find(&map, 0, 0, 2, 0).v, UINT32_MAX);
     assert_int_equal(lw_atlas_map_find(&map, 0, 0, 0, 1).v, UINT32_MAX);
     assert_int_equal(lw_atlas_map_find(&map, 1, 0, 0, 0).v, UINT32_MAX);
-    assert_int_equal(lw_atlas_map_find(&map, 0, map.atlas[0].level_count, 0, 0).v, UINT32_MAX);
+    assert_int_equal(lw_atlas_map_find(&map, 0, map.atlas[0]->level_count, 0, 0).v, UINT32_MAX);
     assert_int_equal(lw_atlas_map_find(&map, UINT32_MAX, UINT32_MAX, UINT32_MAX, UINT32_MAX).v, UINT32_MAX);
     assert_int_equal(lw_atlas_map_find_tile(&map, 0, 0, 2).v, UINT32_MAX);
     assert_int_equal(lw_atlas_map_find_tile(&map, 1, 0, 0).v, UINT32_MAX);
-    assert_int_equal(lw_atlas_map_find_tile(&map, 0, map.atlas[0].level_count, 0).v, UINT32_MAX);
+    assert_int_equal(lw_atlas_map_find_tile(&map, 0, map.atlas[0]->level_count, 0).v, UINT32_MAX);
     assert_int_equal(lw_atlas_map_find_tile(&map, UINT32_MAX, UINT32_MAX, UINT32_MAX).v, UINT32_MAX);
     lw_atlas_map_finish(&map);
     lw_scene_destroy(scene);

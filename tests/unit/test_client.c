@@ -236,7 +236,7 @@ static void test_spares(void **state) {
     struct lw_client *client;
     struct lw_client_stats stats = {0};
     struct lw_error err = {0};
-    assert_true(w.map.atlas[spare].level_count > 0);
+    assert_true(w.map.atlas[spare]->level_count > 0);
     lw_support_ok(
         lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1", .port = lw_server_port(r.server)},
                          &client, &err),
@@ -425,8 +425,8 @@ static void test_messages_out_of_place(void **state) {
     lw_client_destroy(client);
     client_case_end(&s);
     const struct lw_message_interest_tile nowhere[] = {{w.scene->object_count, 0, 0},
-                                                       {0, w.map.atlas[0].level_count, 0},
-                                                       {0, w.map.atlas[0].level_count - 1, 1},
+                                                       {0, w.map.atlas[0]->level_count, 0},
+                                                       {0, w.map.atlas[0]->level_count - 1, 1},
                                                        {UINT32_MAX, UINT32_MAX, UINT32_MAX},
                                                        {0, 0, UINT32_MAX}};
     for (size_t i = 0; i < sizeof nowhere / sizeof *nowhere; i++) {

@@ -314,7 +314,7 @@ static void test_stale_tiles(void **state) {
     assert_false(lw_replica_has_first(replica));
     for (uint32_t t = w.map.tile_count; t-- > 0;) {
         const struct lw_tile_place *place = &w.map.place[t];
-        bool is_last = place->object == 0 && place->level == w.map.atlas[0].level_count - 1;
+        bool is_last = place->object == 0 && place->level == w.map.atlas[0]->level_count - 1;
         assert_false(lw_replica_has_first(replica));
         struct lw_message m = client_case_tile_message(&w, t, 7, payload);
         lw_support_ok(lw_replica_take_tile(replica, &m.tile, &err), &err);

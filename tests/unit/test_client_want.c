@@ -66,7 +66,7 @@ static void test_want(void **state) {
     }
     uint32_t coarsest = 0;
     for (uint32_t o = 0; o < w.map.object_count; o++)
-        coarsest += w.map.atlas[o].level_count > 0; /* 200 x 140: the coarsest level is one tile */
+        coarsest += w.map.atlas[o]->level_count > 0; /* 200 x 140: the coarsest level is one tile */
     assert_int_equal(stats.tiles, coarsest);
     lw_server_stop(server);
     assert_int_equal(pthread_join(thread, NULL), 0);

@@ -26,8 +26,8 @@ struct world {
 
 static struct lw_client_level world_level(const void *context, uint32_t object, uint32_t level) {
     const struct world *w = context;
-    if (level >= w->map.atlas[object].level_count) return (struct lw_client_level){0};
-    const struct lw_atlas_level *l = &w->map.atlas[object].level[level];
+    if (level >= w->map.atlas[object]->level_count) return (struct lw_client_level){0};
+    const struct lw_atlas_level *l = &w->map.atlas[object]->level[level];
     return (struct lw_client_level){
         .width = l->width, .height = l->height, .rgb = w->rgb[object * LW_ATLAS_LEVELS_MAX + level]};
 }
@@ -80,8 +80,8 @@ static void world_init_finer(struct world *w, struct lw_scene *scene, uint32_t f
     w->tile = calloc(w->map.tile_count, sizeof *w->tile);
     assert_true(w->rgb && w->tile);
     for (uint32_t o = 0; o < scene->object_count; o++)
-        for (uint32_t k = 0; k < w->map.atlas[o].level_count; k++) {
-            const struct lw_atlas_level *l = &w->map.atlas[o].level[k];
+        for (uint32_t k = 0; k < w->map.atlas[o]->level_count; k++) {
+            const struct lw_atlas_level *l = &w->map.atlas[o]->level[k];
             w->rgb[o * LW_ATLAS_LEVELS_MAX + k] = calloc((size_t)l->width * l->height * 3, sizeof(float));
             assert_non_null(w->rgb[o * LW_ATLAS_LEVELS_MAX + k]);
         }
@@ -111,19 +111,19 @@ static void world_finish(struct world *w) {
 }
 
 static void fill_level(struct world *w, uint32_t object, uint32_t k, float value) {
-    const struct lw_atlas_level *l = &w->map.atlas[object].level[k];
+    const struct lw_atlas_level *l = &w->map.atlas[object]->level[k];
     for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
         w->rgb[object * LW_ATLAS_LEVELS_MAX + k][i] = value;
 }
 
 /* Every level of an object holds its own constant: first, first + 1, ... */
 static void fill_by_level(struct world *w, uint32_t object, float first) {
-    for (uint32_t k = 0; k < w->map.atlas[object].level_count; k++)
+    for (uint32_t k = 0; k < w->map.atlas[object]->level_count; k++)
         fill_level(w, object, k, first + (float)k);
 }
 
 static void fill_constant(struct world *w, uint32_t object, float value) {
-    for (uint32_t k = 0; k < w->map.atlas[object].level_count; k++) fill_level(w, object, k, value);
+    for (uint32_t k = 0; k < w->map.atlas[object]->level_count; k++) fill_level(w, object, k, value);
 }
 
 enum { WIDTH = 37, HEIGHT = 22 }; /* no multiple of a packet or a screen tile */
@@ -363,8 +363,8 @@ static void test_environment(void **state) {
 /* E = u, v and their sum in texels of level 0, written into the texel centres of every level: bilinear
  * interpolation gives it back exactly, at whatever level it is read. */
 static void fill_ramps(struct world *w) {
-    for (uint32_t k = 0; k < w->map.atlas[0].level_count; k++) {
-        const struct lw_atlas_level *l = &w->map.atlas[0].level[k];
+    for (uint32_t k = 0; k < w->map.atlas[0]->level_count; k++) {
+        const struct lw_atlas_level *l = &w->map.atlas[0]->level[k];
         for (uint32_t y = 0; y < l->height; y++)
             for (uint32_t x = 0; x < l->width; x++) {
                 float *e = w->rgb[k] + 3 * ((size_t)y * l->width + x);
@@ -672,7 +672,7 @@ static void test_nothing_there(void **state) {
     fill_by_level(&w, 0, 1);
     fill_constant(&w, 1, 7);
     struct lw_compose_view view = look_down(); /* on object 0 */
-    for (uint32_t t = 0; t < w.map.atlas[0].tile_count; t++) w.tile[t].version = 0;
+    for (uint32_t t = 0; t < w.map.atlas[0]->tile_count; t++) w.tile[t].version = 0;
     struct lw_compose_report report = render(&w, &view, rgb);
     assert_picture(rgb, 0.5f * 7 / LW_PI); /* the average of the tiles that are there */
     assert_int_equal(report.tiles_missing, report.tiles_needed);
@@ -702,8 +702,8 @@ static void test_garbage_texels(void **state) {
         struct lw_compose_view view = look_down();
         render(&w, &view, rgb);
         assert_picture(rgb, 0.5f * 2 / LW_PI); /* the level above */
-        fill_level(&w, 0, w.map.atlas[0].level_count - 1, garbage[i]);
-        for (uint32_t k = 0; k < w.map.atlas[0].level_count; k++) fill_level(&w, 0, k, garbage[i]);
+        fill_level(&w, 0, w.map.atlas[0]->level_count - 1, garbage[i]);
+        for (uint32_t k = 0; k < w.map.atlas[0]->level_count; k++) fill_level(&w, 0, k, garbage[i]);
         render(&w, &view, rgb); /* asserts that all is finite */
         world_finish(&w);
     }
@@ -723,8 +723,8 @@ static void test_backs(void **state) {
     struct lw_scene *scene = squares(1, 64, true);
     scene->material[0].emission[1] = 2;
     world_init(&w, scene);
-    for (uint32_t k = 0; k < w.map.atlas[0].level_count; k++) {
-        const struct lw_atlas_level *l = &w.map.atlas[0].level[k];
+    for (uint32_t k = 0; k < w.map.atlas[0]->level_count; k++) {
+        const struct lw_atlas_level *l = &w.map.atlas[0]->level[k];
         for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
             w.rgb[k][i] = i / 3 / l->width < l->height / 2 ? 3.0f : 5.0f;
     }
@@ -809,7 +809,7 @@ static void test_report(void **state) {
 
 /* Texels of level 0 are 1 and 3 in turn: nowhere it is even. */
 static void fill_checkered(struct world *w) {
-    const struct lw_atlas_level *l = &w->map.atlas[0].level[0];
+    const struct lw_atlas_level *l = &w->map.atlas[0]->level[0];
     for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
         w->rgb[0][i] = (i / 3 % l->width + i / 3 / l->width) % 2 ? 3 : 1;
 }
@@ -898,8 +898,8 @@ static void test_same_bytes_at_any_thread_count(void **state) {
     world_init(&w, scene);
     for (uint32_t i = 0; i < scene->object_count * LW_ATLAS_LEVELS_MAX; i++) {
         uint32_t o = i / LW_ATLAS_LEVELS_MAX, k = i % LW_ATLAS_LEVELS_MAX;
-        if (k >= w.map.atlas[o].level_count) continue;
-        const struct lw_atlas_level *l = &w.map.atlas[o].level[k];
+        if (k >= w.map.atlas[o]->level_count) continue;
+        const struct lw_atlas_level *l = &w.map.atlas[o]->level[k];
         for (uint32_t j = 0; j < l->width * l->height * 3; j++)
             w.rgb[i][j] = lw_random_unit(lw_random_hash2(i, j));
     }

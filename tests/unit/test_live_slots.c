@@ -80,7 +80,7 @@ static size_t take(uint64_t now_ns) { return lw_live_slots_take(&w.slots, now_ns
 
 static void is_reported(size_t at, uint32_t slot, uint32_t x, uint32_t y, bool has_texels, float share) {
     const struct lw_live_slot *s = &w.reported[at];
-    const struct lw_atlas *atlas = &w.map.atlas[1];
+    const struct lw_atlas *atlas = w.map.atlas[1];
     assert_int_equal(s->slot, slot);
     assert_int_equal(s->has_texels, has_texels);
     assert_true(s->share > share - 1e-4f && s->share < share + 1e-4f);

@@ -58,7 +58,7 @@ bool __wrap_lw_client_object_hidden(const struct lw_client *client, uint32_t obj
 struct lw_client_level __wrap_lw_client_get_level(const struct lw_client *client, uint32_t object,
                                                   uint32_t level) {
     (void)client;
-    const struct lw_atlas *atlas = &world.map.atlas[object];
+    const struct lw_atlas *atlas = world.map.atlas[object];
     if (level != 0 || atlas->level_count == 0) return (struct lw_client_level){0};
     return (struct lw_client_level){atlas->level[0].width, atlas->level[0].height, world.level0[object],
                                     NULL};
@@ -90,7 +90,7 @@ static struct lw_client_tile compose_tile(const void *context, lw_tile_id tile) 
 /* ---- the world ---- */
 
 static void fill(uint32_t o, bool even) {
-    const struct lw_atlas *atlas = &world.map.atlas[o];
+    const struct lw_atlas *atlas = world.map.atlas[o];
     if (atlas->level_count == 0) return;
     const uint32_t width = atlas->level[0].width, height = atlas->level[0].height;
     for (uint32_t i = 0; i < width * height * 3; i++)
@@ -129,7 +129,7 @@ static int open_scene(struct lw_scene *scene) {
     assert_true(world.level0 && world.texel_m);
     for (uint32_t m = 0; m < world.scene->mesh_count; m++) world.texel_m[m] = texel_of(&world.scene->mesh[m]);
     for (uint32_t o = 0; o < world.scene->object_count; o++) {
-        const struct lw_atlas_level *l = &world.map.atlas[o].level[0];
+        const struct lw_atlas_level *l = &world.map.atlas[o]->level[0];
         world.level0[o] = calloc((size_t)l->width * l->height * 3 + 1, sizeof(float));
         assert_non_null(world.level0[o]);
         fill(o, false);

@@ -284,7 +284,7 @@ static void test_what_is_held_is_not_sent(void **state) {
     static struct lw_message_held held[13 * SERVING_OBJECTS];
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
-        const struct lw_atlas_level *level = &f->map.atlas[p->object].level[p->level];
+        const struct lw_atlas_level *level = &f->map.atlas[p->object]->level[p->level];
         held[t] = (struct lw_message_held){p->object, p->level, p->y * level->tiles_x + p->x, 9};
     }
     held[3].version = 7; /* an older one */

@@ -35,7 +35,7 @@ static void test_slow_reader(void **state) {
         assert_true(serving_get(slow, &m));
         if (m.type == LW_MESSAGE_TILE) {
             uint32_t id = f->map.first_tile[m.tile.object] +
-                          f->map.atlas[m.tile.object].level[m.tile.level].first_tile + m.tile.tile;
+                          f->map.atlas[m.tile.object]->level[m.tile.level].first_tile + m.tile.tile;
             assert_true(m.tile.version > newest[id]);
             newest[id] = m.tile.version;
             complete += newest[id] == frames;

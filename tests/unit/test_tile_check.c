@@ -188,13 +188,13 @@ static void test_bad_tiles(void **state) {
     struct world w;
     init_world(&w, false);
     struct lw_message_tile t =
-        tile_of(&w, w.map.atlas[0].level[0].tiles_x * w.map.atlas[0].level[0].tiles_y, 1, 0);
+        tile_of(&w, w.map.atlas[0]->level[0].tiles_x * w.map.atlas[0]->level[0].tiles_y, 1, 0);
     assert_int_equal(take(&w, 0, t).verdict, LW_TILE_NOWHERE);
     t = tile_of(&w, 0, 1, 0);
     t.object = 1;
     assert_int_equal(take(&w, 0, t).verdict, LW_TILE_NOWHERE);
     t = tile_of(&w, 0, 1, 0);
-    t.level = w.map.atlas[0].level_count;
+    t.level = w.map.atlas[0]->level_count;
     assert_int_equal(take(&w, 0, t).verdict, LW_TILE_NOWHERE);
     t = tile_of(&w, 0, 1, 0);
     t.codec = 2;
@@ -211,7 +211,7 @@ static void test_bad_tiles(void **state) {
     t.layer = 1;
     assert_int_equal(take(&w, 0, t).verdict, LW_TILE_IGNORED);
     for (uint32_t i = 0; i < w.map.tile_count; i++)
-        assert_int_equal(w.known[0][i], i == w.map.atlas[0].level[1].first_tile);
+        assert_int_equal(w.known[0][i], i == w.map.atlas[0]->level[1].first_tile);
     finish_world(&w);
 }
 

@@ -83,7 +83,7 @@ static void test_far_tiles_are_coarse(void **state) {
     init_world(&w, 1);
     uint32_t last = UINT32_MAX;
     /* 1/64 m is a pixel of 60/720 degrees at 10.7 m; each level doubles that */
-    for (uint32_t level = 0; level < w.map.atlas[0].level_count; level++) {
+    for (uint32_t level = 0; level < w.map.atlas[0]->level_count; level++) {
         float height = 10.742f * (float)(1u << level) * 0.98f;
         uint32_t count = choose(&w, lw_vec3(0, height, 0), lw_vec3(0, -1, 0));
         uint32_t expected = level ? level - 1 : 0;

@@ -50,7 +50,7 @@ static void lay_out_levels(struct lw_compose *compose) {
     const struct lw_atlas_map *map = compose->map;
     struct lw_compose_level *level = compose->level;
     for (uint32_t o = 0; o < map->object_count; o++) {
-        const struct lw_atlas *atlas = &map->atlas[o];
+        const struct lw_atlas *atlas = map->atlas[o];
         const int finer = (int)atlas->finer_count, count = (int)atlas->level_count;
         compose->object[o] = (struct lw_compose_object){level + finer, count, finer, false};
         for (int k = -finer; k < count; k++) {
@@ -83,7 +83,7 @@ enum lw_status lw_compose_create(const struct lw_compose_desc *desc, struct lw_c
     const struct lw_atlas_map *map = desc->map;
     size_t level_count = 0;
     for (uint32_t o = 0; o < map->object_count; o++)
-        level_count += map->atlas[o].level_count + map->atlas[o].finer_count;
+        level_count += map->atlas[o]->level_count + map->atlas[o]->finer_count;
 
     struct lw_compose *compose = calloc(1, sizeof *compose);
     if (compose == NULL) goto fail;

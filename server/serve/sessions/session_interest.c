@@ -27,7 +27,7 @@ static void mark(struct lw_session *s) {
         if (lw_session_interest_test_and_set(s->interest_bits, listed) || !s->interest.stand_ins) continue;
         /* a finer level's tile: tiles above it from level 0 on */
         const uint32_t finer = lw_atlas_finer(place->level), first = finer ? 0 : place->level + 1;
-        for (uint32_t l = first; l < map->atlas[place->object].level_count; l++) {
+        for (uint32_t l = first; l < map->atlas[place->object]->level_count; l++) {
             const uint32_t up = l + finer - (finer ? 0 : place->level);
             if (lw_session_interest_test_and_set(
                     s->interest_bits,

@@ -7,7 +7,7 @@
 #define AHEAD 32u /* tiles for which a session asks the transcoder at once */
 
 static bool is_coarsest(const struct lw_atlas_map *map, uint32_t tile) {
-    return map->place[tile].level + 1 == map->atlas[map->place[tile].object].level_count;
+    return map->place[tile].level + 1 == map->atlas[map->place[tile].object]->level_count;
 }
 
 static bool takes_coarse(const struct lw_session_take *t) { return t->is_narrow && !t->refines; }

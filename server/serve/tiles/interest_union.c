@@ -50,7 +50,7 @@ static void cover_finer(const struct lw_atlas_map *map, uint32_t tile, uint8_t *
 
 static void cover(const struct lw_atlas_map *map, uint32_t tile, uint8_t *out_levels) {
     const struct lw_tile_place *place = &map->place[tile];
-    const struct lw_atlas_level *fine = &map->atlas[place->object].level[0];
+    const struct lw_atlas_level *fine = &map->atlas[place->object]->level[0];
     const uint32_t side = 1u << place->level, x0 = place->x * side, y0 = place->y * side;
     LW_INVARIANT(x0 < fine->tiles_x && y0 < fine->tiles_y); /* a tile covers something */
     for (uint32_t y = y0; y < y0 + side && y < fine->tiles_y; y++)

@@ -67,7 +67,7 @@ float lw_priority_of(const struct lw_priority *priority, uint32_t tile, uint64_t
     const int scale = lw_atlas_scale(place->level);
     const float area = ldexpf((float)(place->width * place->height), 2 * scale);
     if (!has) {
-        if (place->level + 1 == priority->atlas_map->atlas[place->object].level_count) return INFINITY;
+        if (place->level + 1 == priority->atlas_map->atlas[place->object]->level_count) return INFINITY;
         return ldexpf(LW_PRIORITY_LACKING * LW_PRIORITY_LACKING * LW_TILE_TEXELS_MAX, 2 * scale);
     }
     uint64_t since = frame;

@@ -701,7 +701,7 @@ size_t lw_denoise_memory_bytes(const struct lw_denoise *denoise) {
 
 /* Marks the block of a tile at a column and row of its object's blocks, if there is one. */
 static void mark(struct lw_denoise *d, uint32_t object, int64_t column, int64_t row) {
-    const struct lw_atlas_level *level = &d->map->atlas[object].level[0];
+    const struct lw_atlas_level *level = &d->map->atlas[object]->level[0];
     const uint32_t x = (uint32_t)column * LW_TILE_BLOCK, y = (uint32_t)row * LW_TILE_BLOCK;
     if (column < 0 || row < 0 || x >= level->width || y >= level->height) return;
     const lw_tile_id id = lw_atlas_map_find(d->map, object, 0, x / LW_TILE_SIDE, y / LW_TILE_SIDE);
