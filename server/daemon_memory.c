@@ -17,8 +17,9 @@
 #define FINE_LAYER_BYTES (1ull << 20)
 #define FINE_TILES_MAX   4096u /* a session remembers what it has of each */
 
-/* Where level 0 is sparse, each of its texels takes bytes: as coarse light, and as it was sent. */
-#define READ_BYTES 64u
+/* Where level 0 is sparse, each of its texels takes bytes: whether it has surface, and as it was sent; more
+ * where somebody looks. */
+#define READ_BYTES 8u
 /* With fewer tiles a single view would lack some of its own. */
 #define SPARSE_TILES_MIN 64u
 
@@ -41,8 +42,8 @@ struct need {
 static struct need find_need(const struct lw_solver_desc *desc, uint32_t layers) {
     const uint64_t texels = lw_coarse_scene_count_texels(desc->scene);
     struct need need = {.texels_m = (double)texels * 1e-6,
-                        .whole = lw_memory_forecast_whole(desc),
-                        .sparse = lw_memory_forecast_coarse(desc) + texels * READ_BYTES,
+                        .whole = lw_memory_forecast_whole(desc, layers),
+                        .sparse = lw_memory_forecast_coarse(desc, layers) + texels * READ_BYTES,
                         .fine_tile = FINE_TILE_BYTES + layers * FINE_LAYER_BYTES};
     need.least = need.sparse + SPARSE_TILES_MIN * need.fine_tile;
     if (need.least > need.whole) need.least = need.whole;

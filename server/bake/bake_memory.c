@@ -7,7 +7,7 @@
 enum lw_status lw_bake_memory_choose(const struct lw_solvers_entry *entry, const struct lw_solver_desc *desc,
                                      uint64_t memory_bytes, bool *out_by_tile, struct lw_error *err) {
     const uint64_t memory = memory_bytes ? memory_bytes : lw_memory_forecast_machine() / 4 * 3,
-                   whole = lw_memory_forecast_whole(desc), by_tile = lw_tile_by_tile_forecast(desc),
+                   whole = lw_memory_forecast_whole(desc, 1), by_tile = lw_tile_by_tile_forecast(desc),
                    least = by_tile < whole ? by_tile : whole;
     *out_by_tile = whole > memory;
     if (whole <= memory) return LW_OK;

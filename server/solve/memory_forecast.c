@@ -8,21 +8,38 @@
 #include <stdio.h>
 #include <unistd.h>
 
-/* Bytes of a texel beside the planes of its light: places, sample points, rays, pairs of the filter, the
- * reflectors' light; as measured (docs/lab/big_scenes.md). */
-#define TEXEL_BYTES 200u
+/* Bytes of a texel beside the planes of its light: places, sample points and the like, once; rays and pairs of
+ * the filter, for each layer. Of a tile: its blocks and packets, and what sessions remember of it. As measured
+ * (docs/lab/big_scenes.md). */
+#define TEXEL_BYTES 80u
+#define LAYER_BYTES 120u
+#define TILE_BYTES  3000u
 
-uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc) {
+uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc, uint32_t layers) {
     const bool parts = lw_client_lights_any(desc->client_lights);
-    return lw_tiles_texel_bytes(desc->bounces, parts, desc->directions) + TEXEL_BYTES;
+    return layers * (lw_tiles_texel_bytes(desc->bounces, parts, desc->directions) + LAYER_BYTES) +
+           TEXEL_BYTES;
 }
 
-uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc) {
-    return lw_coarse_scene_count_texels(desc->scene) * lw_memory_forecast_texel(desc);
+static uint64_t tile_bytes(const struct lw_scene *scene) {
+    uint64_t tiles = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++) {
+        const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
+        tiles += (uint64_t)((mesh->atlas_width + LW_TILE_SIDE - 1) / LW_TILE_SIDE) *
+                 ((mesh->atlas_height + LW_TILE_SIDE - 1) / LW_TILE_SIDE);
+    }
+    return tiles * TILE_BYTES;
 }
 
-uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc) {
-    return lw_memory_forecast_whole(desc) / (LW_COARSE_SCENE_SIDE * LW_COARSE_SCENE_SIDE);
+uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc, uint32_t layers) {
+    return lw_coarse_scene_count_texels(desc->scene) * lw_memory_forecast_texel(desc, layers) +
+           tile_bytes(desc->scene);
+}
+
+uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc, uint32_t layers) {
+    return lw_coarse_scene_count_texels(desc->scene) * lw_memory_forecast_texel(desc, layers) /
+               (LW_COARSE_SCENE_SIDE * LW_COARSE_SCENE_SIDE) +
+           tile_bytes(desc->scene);
 }
 
 uint64_t lw_memory_forecast_machine(void) {

@@ -7,12 +7,12 @@
 #include "server/solve/solver.h"
 
 /** Bytes that a solver takes for a texel with its places, sample points and light, roughly; without the rays'
- * structure. desc: read are client_lights, bounces and directions */
-uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc);
+ * structure. desc: read are client_lights, bounces and directions. layers: of light (light_layers.h) */
+uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc, uint32_t layers);
 
-/** The same for all texels of a scene, and of its coarse scene (coarse_scene.h). desc: also scene */
-uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc);
-uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc);
+/** The same for all texels and tiles of a scene, and of its coarse scene (coarse_scene.h). desc: also scene */
+uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc, uint32_t layers);
+uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc, uint32_t layers);
 
 /** Bytes of this machine's memory. */
 uint64_t lw_memory_forecast_machine(void);

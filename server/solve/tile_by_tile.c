@@ -354,8 +354,8 @@ static const struct lw_solver_ops ops = {.name = "tile by tile",
                                          .destroy = destroy};
 
 uint64_t lw_tile_by_tile_forecast(const struct lw_solver_desc *desc) {
-    return lw_memory_forecast_coarse(desc) +
-           (uint64_t)LW_TILE_BY_TILE_AT_ONCE * LW_TILE_TEXELS_MAX * lw_memory_forecast_texel(desc);
+    return lw_memory_forecast_coarse(desc, 1) +
+           (uint64_t)LW_TILE_BY_TILE_AT_ONCE * LW_TILE_TEXELS_MAX * lw_memory_forecast_texel(desc, 1);
 }
 
 /* ---- creation ---- */

@@ -252,7 +252,7 @@ static void memory_is_less(void **state) {
                  whole = s[1].solver->ops->memory_bytes(s[1].solver);
     if (sparse > whole / 2) fail_msg("%zu bytes, and %zu for all", sparse, whole);
     desc.scene = s[1].scene;
-    assert_true(lw_memory_forecast_coarse(&desc) * 16 <= lw_memory_forecast_whole(&desc));
+    assert_true(lw_memory_forecast_coarse(&desc, 1) * 4 <= lw_memory_forecast_whole(&desc, 1));
     room_finish(&s[0]);
     room_finish(&s[1]);
 }
