@@ -220,15 +220,14 @@ static enum lw_status attach_object(struct lw_trace *trace, RTCScene into, uint3
     if (!geometry) return LW_NO_MEMORY;
     struct lw_vec3 *position = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                        sizeof *position, mesh->vertex_count);
-    uint32_t *triangle = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                 sizeof *mesh->triangle, mesh->triangle_count);
-    if (!position || !triangle) {
+    if (!position) {
         rtcReleaseGeometry(geometry);
         return LW_NO_MEMORY;
     }
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh->triangle, 0,
+                               sizeof *mesh->triangle, mesh->triangle_count);
     for (uint32_t i = 0; i < mesh->vertex_count; i++)
         position[i] = lw_affine_point(transform, mesh->position[i]);
-    memcpy(triangle, mesh->triangle, (size_t)mesh->triangle_count * sizeof *mesh->triangle);
 
     struct geometry *g = &trace->geometry[object];
     *g = (struct geometry){.scene = trace->scene,
