@@ -34,10 +34,11 @@ LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t c
                                             const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Frees all levels but those that lw_levels_count_values() reads, and coarser ones. Before any other call but
- * that, lw_levels_restore() makes room for them again; then all tiles of level 0 are to be loaded. */
+/** Frees all levels but those that lw_levels_count_values() reads, and coarser ones. That is the only call on
+ * dropped levels, beside lw_levels_restore() and lw_levels_finish(). */
 void lw_levels_drop(struct lw_levels *levels);
-/** Errors: LW_NO_MEMORY; they are dropped then. */
+/** Makes room for dropped levels. The caller loads all tiles of level 0 then. Errors: LW_NO_MEMORY; they stay
+ * dropped. */
 LW_MUST_CHECK enum lw_status lw_levels_restore(struct lw_levels *levels);
 static inline bool lw_levels_are_dropped(const struct lw_levels *levels) {
     return levels->count > 0 && !levels->level[0].value;

@@ -88,7 +88,7 @@ static void forget_sent(struct sent_tile *sent) {
     *sent = (struct sent_tile){0};
 }
 
-/* What encoding goes on from. The next version is sent whole. */
+/* After this the next version is sent whole. */
 static void drop_state(struct sent_tile *sent) {
     free(sent->value);
     free(sent->history);
@@ -157,7 +157,7 @@ enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channe
     return status;
 }
 
-/* Of the encoder for all plain tiles of a channel, about. */
+/* Bytes of encoder state for all plain tiles of a channel, about. */
 static uint64_t state_bytes(const struct lw_atlas_map *map) {
     uint64_t texels = 0;
     for (uint32_t id = 0; id < map->plain_count; id++)
@@ -266,7 +266,7 @@ static void load_tile(const struct lw_publisher *p, struct worker *worker, struc
     lw_levels_load_tile(&channel->levels[place->object], place, tile);
 }
 
-/* Whether a frame since that one has touched an object, or it was never sent. */
+/* Whether frame `since` or a later one has touched an object, or a tile of it was never sent. */
 static bool is_touched(const struct lw_publisher *p, const struct channel *channel, uint32_t object,
                        uint64_t since) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);

@@ -231,7 +231,7 @@ static void interpolate(float *plane, const struct lw_tile_place *place, const s
 
 /* Coarse tiles around a tile, as they are now. */
 struct around {
-    int64_t x0, y0; /* of the patch */
+    int64_t x0, y0; /* the patch's first texel */
     struct below below;
     struct lw_solver_tile tile[4];
     uint64_t solved_frame; /* the last of theirs */

@@ -8,12 +8,10 @@
 #include <stdio.h>
 #include <unistd.h>
 
-/* Bytes of a texel beside the planes of its light: places, sample points and the like, once; rays and pairs of
- * the filter, for each layer. Of a tile: its blocks and packets, and what sessions remember of it. As measured
- * (docs/lab/big_scenes.md). */
-#define TEXEL_BYTES 80u
-#define LAYER_BYTES 120u
-#define TILE_BYTES  3000u
+/* As measured (docs/lab/big_scenes.md). */
+#define TEXEL_BYTES 80u   /* a texel: its place, sample points and the like */
+#define LAYER_BYTES 120u  /* a texel in each layer: rays, pairs of the filter; not the planes of light */
+#define TILE_BYTES  3000u /* a tile: its blocks and packets, and what sessions remember of it */
 
 uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc, uint32_t layers) {
     const bool parts = lw_client_lights_any(desc->client_lights);

@@ -10,7 +10,7 @@
  * structure. desc: read are client_lights, bounces and directions. layers: of light (light_layers.h) */
 uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc, uint32_t layers);
 
-/** The same for all texels and tiles of a scene, and of its coarse scene (coarse_scene.h). desc: also scene */
+/** The same for all texels and tiles of desc.scene, and of its coarse scene (coarse_scene.h). */
 uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc, uint32_t layers);
 uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc, uint32_t layers);
 

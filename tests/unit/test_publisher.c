@@ -71,7 +71,7 @@ struct world {
     struct lw_tile_codec *codec;
 };
 
-static uint64_t state_max; /* of the next world's publisher */
+static uint64_t state_max; /* bytes that the next world's publisher keeps */
 
 static void init_world_of(struct world *w, uint32_t codec, uint32_t objects, uint32_t finer) {
     fine_is_there = false;
@@ -201,8 +201,8 @@ static void expect_fresh(const struct lw_snapshot *s, uint64_t frame) {
     finish_world(&fresh);
 }
 
-/* Where there is not room for the state of all, an object that nobody looks at has none: its tiles come whole.
- * Somebody looks from frame 4 to frame 6. */
+/* Where the state of all objects takes too much, an object that nobody looks at has none, and its tiles come
+ * whole. Somebody looks from frame 4 to frame 6. */
 static void test_state_of_who_is_looked_at(void **state) {
     (void)state;
     static struct lw_tile_dct_coefficients levels;

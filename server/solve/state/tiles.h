@@ -130,7 +130,7 @@ struct lw_tiles {
     uint32_t block_count;
     /* Of all blocks, one after another: as many for each as its texels could fill. */
     struct lw_packet *packet;
-    struct lw_change_packet *change_packet; /* of each packet */
+    struct lw_change_packet *change_packet; /* a packet's gradients, for each packet */
     size_t packet_count, packet_capacity;
     uint32_t *block_of_texel; /* index into block */
     uint8_t *region_of_texel; /* (regions.h) */
