@@ -12,9 +12,10 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#define STALL_FIRST                                                                                          \
-    6.0            /* times the limit, until first light: texels are placed, and rays' structure is built */
-#define STEP_HZ 30 /* scene time advances by 1/30 s a frame under --clock step */
+/* Before the first light a stall is this many times the limit: texels are placed, and the rays' structure is
+ * built. */
+#define STALL_FIRST 6.0
+#define STEP_HZ     30 /* scene time advances by 1/30 s a frame under --clock step */
 /* A channel that no client takes any more is published for this long, since clients come back after a
  * broken link. */
 #define CHANNEL_LINGERS_NS 10000000000u

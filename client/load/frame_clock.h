@@ -27,8 +27,8 @@ struct lw_frame_clock {
 LW_MUST_CHECK enum lw_status lw_frame_clock_init(struct lw_frame_clock *clock);
 void lw_frame_clock_finish(struct lw_frame_clock *clock);
 
-/** Notes a FRAME that a session received. Returns whether it is newer than all before; only then it
- * counts. */
+/** Notes a FRAME that a session received. An older one than the newest so far changes nothing: returns
+ * false. */
 bool lw_frame_clock_hear(struct lw_frame_clock *clock, struct lw_frame_clock_entry heard);
 
 /** The i-th frame noted, from 0; NULL if it was dropped or is not there yet. */

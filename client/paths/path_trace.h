@@ -111,9 +111,9 @@ struct lw_path_count {
     uint64_t paths, rays_primary, rays_shadow, rays_bounce;
 };
 
-/** Adds `samples` paths to every pixel of a film, which lies within the whole picture. False: it was
- * cancelled; some pixels of the film have their samples and others not, and film->samples and count have not
- * changed.
+/** Adds `samples` paths to every pixel of a film, which lies within the whole picture. Returns
+ * false if it was cancelled: then some pixels of the film have their samples and others do not, and
+ * film->samples and count are as they were.
  *
  * count   may be NULL; added to
  * Errors  none; a sample that is not finite counts as black

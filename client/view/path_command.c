@@ -13,7 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Samples per pixel between two looks at the error; even, so that both halves get as many. */
+/* Samples per pixel from one look at the error to the next. An even number, since both halves of the samples
+ * get as many. */
 #define STEP 4u
 /* With fewer samples the estimated error is mostly noise itself. */
 #define SAMPLES_MIN 16u

@@ -84,7 +84,7 @@ struct lw_view_options {
     const char *cache_folder; /* for scene packages, or NULL; points into argv */
     enum lw_view_renderer renderer;
     bool mirrors;      /* views have mirrors (compose.h) */
-    enum lw_show show; /* in place of all light; of --path-trace, too, which knows the first three */
+    enum lw_show show; /* the part of light to show; --path-trace has the first three */
     bool draws_direct; /* the direct light of the server's client lights is drawn here */
     struct lw_view_path path;
 };

@@ -9,8 +9,8 @@
 
 #include <signal.h>
 
-/* The newest version: it holds everything, and a checksum. Files have the oldest of 5, 6 and 7, each with a
- * checksum, that can hold the scene: 7 where it has finishes (finish_package.h), which clients get apart.
+/* The newest version. A file has the oldest of 5, 6 and 7 that can hold the scene: 7 where it has finishes
+ * (finish_package.h), which clients get apart. These versions have a checksum.
  * Clients get a scene in the oldest version that can hold it: 1, 2 with an environment, 3 with textures, 4
  * where it says whether clients draw a light, and 6 with unlit or tinted materials, orthographic cameras or
  * animated lights. */
