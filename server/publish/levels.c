@@ -23,6 +23,13 @@ enum { OLD, LOADED, BESIDE, BUILT };
 _Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
                "a cell is wider than two rims");
 
+static bool allocate(struct lw_levels_image *image, uint32_t planes) {
+    const size_t texels = (size_t)image->width * image->height;
+    if (!image->value) image->value = calloc(texels * planes, sizeof *image->value);
+    if (!image->covered) image->covered = calloc(texels, 1);
+    return image->value && image->covered;
+}
+
 enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel, const struct lw_atlas *atlas) {
     *levels = (struct lw_levels){
         .channel = channel, .planes = lw_tile_channel_at(channel)->planes, .count = atlas->level_count};
@@ -32,12 +39,10 @@ enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel, const 
     if (!(levels->part = calloc((size_t)levels->columns * levels->rows, 1))) return LW_NO_MEMORY;
     for (uint32_t l = 0; l < levels->count; l++) {
         struct lw_levels_image *image = &levels->level[l];
-        const size_t texels = (size_t)atlas->level[l].width * atlas->level[l].height;
-        LW_INVARIANT(texels > 0 && (l == 0 || atlas->level[l].width == (atlas->level[l - 1].width + 1) / 2));
+        LW_INVARIANT(atlas->level[l].width > 0 && atlas->level[l].height > 0);
+        LW_INVARIANT(l == 0 || atlas->level[l].width == (atlas->level[l - 1].width + 1) / 2);
         *image = (struct lw_levels_image){.width = atlas->level[l].width, .height = atlas->level[l].height};
-        image->value = calloc(texels * levels->planes, sizeof *image->value);
-        image->covered = calloc(texels, 1);
-        if (!image->value || !image->covered) {
+        if (!allocate(image, levels->planes)) {
             lw_levels_finish(levels);
             return LW_NO_MEMORY;
         }
@@ -70,13 +75,8 @@ void lw_levels_drop(struct lw_levels *levels) {
 
 enum lw_status lw_levels_restore(struct lw_levels *levels) {
     bool ok = true;
-    for (uint32_t l = 0; levels->count && l < kept_level(levels); l++) {
-        struct lw_levels_image *image = &levels->level[l];
-        const size_t texels = (size_t)image->width * image->height;
-        if (!image->value) image->value = calloc(texels * levels->planes, sizeof *image->value);
-        if (!image->covered) image->covered = calloc(texels, 1);
-        ok &= image->value && image->covered;
-    }
+    for (uint32_t l = 0; levels->count && l < kept_level(levels); l++)
+        ok &= allocate(&levels->level[l], levels->planes);
     if (!ok) lw_levels_drop(levels);
     return ok ? LW_OK : LW_NO_MEMORY;
 }

@@ -257,25 +257,21 @@ static struct tile_range level0_of(const struct lw_atlas_map *map, uint32_t obje
     return (struct tile_range){first, first + count};
 }
 
-static void load_tile(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
-                      uint32_t id, struct lw_solver_tile *tile) {
-    const struct lw_tile_place *place = &p->desc.atlas_map->place[id];
-    const struct lw_solver *solver = p->desc.solver;
-    if (!tile->direct[0]) solver->ops->read_planes(solver, (lw_tile_id){id}, &worker->room, tile);
-    if (channel->all_light) sum_blocks(tile, &channel->all_light[id]);
-    lw_levels_load_tile(&channel->levels[place->object], place, tile);
+/* Whether frame `since` or a later one has touched a tile, or the tile was never sent. */
+static bool has_news(const struct lw_publisher *p, const struct channel *channel, uint32_t id,
+                     uint64_t since) {
+    struct lw_solver_tile tile;
+    p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
+    return tile.solved_frame >= since || !channel->sent[id].version;
 }
 
-/* Whether frame `since` or a later one has touched an object, or a tile of it was never sent. */
-static bool is_touched(const struct lw_publisher *p, const struct channel *channel, uint32_t object,
-                       uint64_t since) {
-    const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
-    for (uint32_t id = tiles.first; id < tiles.end; id++) {
-        struct lw_solver_tile tile;
-        p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
-        if (tile.solved_frame >= since || !channel->sent[id].version) return true;
-    }
-    return false;
+static void load_tile(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                      uint32_t id) {
+    const struct lw_tile_place *place = &p->desc.atlas_map->place[id];
+    struct lw_solver_tile tile;
+    lw_solver_read_light(p->desc.solver, (lw_tile_id){id}, &worker->room, &tile);
+    if (channel->all_light) sum_blocks(&tile, &channel->all_light[id]);
+    lw_levels_load_tile(&channel->levels[place->object], place, &tile);
 }
 
 /* Makes the pyramid of an object that has dropped it. */
@@ -283,11 +279,8 @@ static enum lw_status restore_levels(const struct lw_publisher *p, struct worker
                                      struct channel *channel, uint32_t object) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
     const enum lw_status status = lw_levels_restore(&channel->levels[object]);
-    for (uint32_t id = tiles.first; status == LW_OK && id < tiles.end; id++) {
-        struct lw_solver_tile tile;
-        p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
-        load_tile(p, worker, channel, id, &tile);
-    }
+    for (uint32_t id = tiles.first; status == LW_OK && id < tiles.end; id++)
+        load_tile(p, worker, channel, id);
     if (status == LW_OK && tiles.first < tiles.end) lw_levels_build(&channel->levels[object]);
     return status;
 }
@@ -296,24 +289,22 @@ static enum lw_status restore_levels(const struct lw_publisher *p, struct worker
 static bool refresh_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
                            uint32_t object, uint64_t since) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
-    const struct lw_solver *solver = p->desc.solver;
-    struct lw_solver_tile tile;
+    const bool dropped = lw_levels_are_dropped(&channel->levels[object]);
     bool changed = false;
     if (worker->status != LW_OK) return false;
-    if (lw_levels_are_dropped(&channel->levels[object])) {
-        if (!is_touched(p, channel, object, since)) return false;
-        worker->status = restore_levels(p, worker, channel, object);
-        if (!p->keeps_state[object]) lw_levels_drop(&channel->levels[object]);
-        return worker->status == LW_OK;
-    }
-    for (uint32_t id = tiles.first; id < tiles.end; id++) {
-        solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
-        if (tile.solved_frame < since && channel->sent[id].version) continue;
-        load_tile(p, worker, channel, id, &tile);
+    for (uint32_t id = tiles.first; id < tiles.end && !(changed && dropped); id++) {
+        if (!has_news(p, channel, id, since)) continue;
+        if (!dropped) load_tile(p, worker, channel, id);
         changed = true;
     }
-    if (changed) lw_levels_build(&channel->levels[object]);
-    return changed;
+    if (!changed) return false;
+    if (!dropped) {
+        lw_levels_build(&channel->levels[object]);
+        return true;
+    }
+    worker->status = restore_levels(p, worker, channel, object);
+    if (!p->keeps_state[object]) lw_levels_drop(&channel->levels[object]);
+    return worker->status == LW_OK;
 }
 
 /* Whether all of an object has been solved since a frame. */
@@ -600,6 +591,7 @@ static void encode_object(const struct lw_publisher *p, struct worker *worker, s
     struct channel *form = channel->is->moment ? p->channel[channel->is->follows] : NULL;
     const uint32_t first = map->first_tile[object],
                    end = object + 1 < map->object_count ? map->first_tile[object + 1] : map->plain_count;
+    if (!has_channel(p, channel, object)) return;
     ensure_levels(p, worker, channel, object);
     for (uint32_t id = first; id < end; id++) consider_tile(p, worker, channel, (lw_tile_id){id}, frame);
     lw_levels_drop(&channel->levels[object]);
