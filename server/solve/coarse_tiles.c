@@ -76,11 +76,12 @@ size_t lw_coarse_tiles_memory_bytes(const struct lw_coarse_tiles *tiles) {
 /* ---- a patch: the coarse texels around a tile ---- */
 
 static void copy_texel(struct patch *patch, uint32_t to, const struct lw_solver_tile *tile, uint32_t from,
-                       uint32_t channels) {
+                       bool with_planes, uint32_t channels) {
     uint32_t plane = 0;
     patch->covered[to] = tile->covered[from];
     patch->lit[to] = tile->covered[from] || (tile->filled && tile->filled[from]);
     patch->chart[to] = tile->chart ? tile->chart[from] : 0;
+    if (!with_planes) return;
     for (int c = 0; c < 3; c++) patch->plane[plane++][to] = tile->direct[c][from] + tile->indirect[c][from];
     LW_TILE_CHANNELS_EACH (channel, channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
@@ -89,14 +90,15 @@ static void copy_texel(struct patch *patch, uint32_t to, const struct lw_solver_
 
 /* Copies the part of a coarse tile that lies in a patch whose first texel is (x0, y0). */
 static void copy_part(struct patch *patch, int64_t x0, int64_t y0, const struct lw_solver_tile *tile,
-                      const struct lw_tile_place *place, uint32_t channels) {
+                      const struct lw_tile_place *place, bool with_planes, uint32_t channels) {
     for (uint32_t y = 0; y < tile->height; y++) {
         const int64_t row = (int64_t)place->y * LW_TILE_SIDE + y - y0;
         if (row < 0 || row >= PATCH_SIDE) continue;
         for (uint32_t x = 0; x < tile->width; x++) {
             const int64_t column = (int64_t)place->x * LW_TILE_SIDE + x - x0;
             if (column < 0 || column >= PATCH_SIDE) continue;
-            copy_texel(patch, (uint32_t)(row * PATCH_SIDE + column), tile, y * tile->width + x, channels);
+            copy_texel(patch, (uint32_t)(row * PATCH_SIDE + column), tile, y * tile->width + x, with_planes,
+                       channels);
         }
     }
 }
@@ -250,13 +252,16 @@ static void read_around(const struct lw_coarse_tiles *tiles, const struct lw_sol
     }
 }
 
-static void make_patch(const struct lw_coarse_tiles *tiles, const struct around *around, struct patch *out) {
-    memset(out->plane, 0, count_planes(tiles->channels) * sizeof *out->plane); /* weights of 0 read it */
+/* with_planes: of light, too, which mark() does not read. */
+static void make_patch(const struct lw_coarse_tiles *tiles, const struct around *around, bool with_planes,
+                       struct patch *out) {
+    if (with_planes) /* weights of 0 read it */
+        memset(out->plane, 0, count_planes(tiles->channels) * sizeof *out->plane);
     memset(out->covered, 0, sizeof out->covered);
     memset(out->lit, 0, sizeof out->lit);
     for (uint32_t i = 0; i < around->below.count; i++)
         copy_part(out, around->x0, around->y0, &around->tile[i],
-                  &tiles->coarse_map->place[around->below.id[i].v], tiles->channels);
+                  &tiles->coarse_map->place[around->below.id[i].v], with_planes, tiles->channels);
 }
 
 static bool allocate(const struct lw_coarse_tiles *tiles, struct lw_coarse_tiles_tile *tile,
@@ -280,7 +285,7 @@ static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *s
     read_around(tiles, solver, id, &around);
     if (tile->covered && around.solved_frame <= tile->solved_frame) return true;
     if (!allocate(tiles, tile, place)) return false;
-    make_patch(tiles, &around, patch);
+    make_patch(tiles, &around, tiles->holds_planes, patch);
     tile->sample_count = UINT32_MAX;
     for (uint32_t i = 0; i < around.below.count; i++)
         if (around.tile[i].sample_count < tile->sample_count)
@@ -358,7 +363,7 @@ void lw_coarse_tiles_read_planes(const struct lw_coarse_tiles *tiles, const stru
     struct around around;
     struct patch patch;
     read_around(tiles, solver, id.v, &around);
-    make_patch(tiles, &around, &patch);
+    make_patch(tiles, &around, true, &patch);
     interpolate(room->plane[0], place, &patch, count_planes(tiles->channels));
     set_planes(tiles, room->plane[0], (size_t)place->width * place->height, read_tile);
 }
