@@ -72,7 +72,7 @@ void lw_tile_rans_init(struct lw_tile_rans *rans);
  * nothing.
  * planes     of them, at most LW_TILE_CHANNEL_PLANES_MAX
  * coefficient  plane by plane, of each the tile's blocks row by row, of each its rows; the first of each
- *              block is not written, nor what lies outside the tile
+ *              block and what lies outside the tile are not written
  * rest       rest_size bytes, of which zeros at the end may be left out
  * dst        of LW_TILE_RANS_BOUND + rest_size bytes at least
  * Returns how many it wrote. */

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <unistd.h>
 
-/* As measured (docs/lab/big_scenes.md). */
+/* Bytes that light takes, as measured (docs/lab/big_scenes.md), for: */
 #define TEXEL_BYTES 80u   /* a texel: its place, sample points and the like */
 #define LAYER_BYTES 120u  /* a texel in each layer: rays, pairs of the filter; not the planes of light */
 #define TILE_BYTES  3000u /* a tile: its blocks and packets, and what sessions remember of it */
@@ -23,20 +23,22 @@ static uint64_t tile_bytes(const struct lw_scene *scene) {
     uint64_t tiles = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {
         const struct lw_mesh *mesh = &scene->mesh[scene->object[o].mesh];
-        tiles += (uint64_t)((mesh->atlas_width + LW_TILE_SIDE - 1) / LW_TILE_SIDE) *
-                 ((mesh->atlas_height + LW_TILE_SIDE - 1) / LW_TILE_SIDE);
+        tiles +=
+            (uint64_t)lw_texels_tiles_along(mesh->atlas_width) * lw_texels_tiles_along(mesh->atlas_height);
     }
     return tiles * TILE_BYTES;
 }
 
+static uint64_t texel_bytes(const struct lw_solver_desc *desc, uint32_t layers) {
+    return lw_coarse_scene_count_texels(desc->scene) * lw_memory_forecast_texel(desc, layers);
+}
+
 uint64_t lw_memory_forecast_whole(const struct lw_solver_desc *desc, uint32_t layers) {
-    return lw_coarse_scene_count_texels(desc->scene) * lw_memory_forecast_texel(desc, layers) +
-           tile_bytes(desc->scene);
+    return texel_bytes(desc, layers) + tile_bytes(desc->scene);
 }
 
 uint64_t lw_memory_forecast_coarse(const struct lw_solver_desc *desc, uint32_t layers) {
-    return lw_coarse_scene_count_texels(desc->scene) * lw_memory_forecast_texel(desc, layers) /
-               (LW_COARSE_SCENE_SIDE * LW_COARSE_SCENE_SIDE) +
+    return texel_bytes(desc, layers) / (LW_COARSE_SCENE_SIDE * LW_COARSE_SCENE_SIDE) +
            tile_bytes(desc->scene);
 }
 

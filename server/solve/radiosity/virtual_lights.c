@@ -21,7 +21,7 @@ enum lw_status lw_virtual_lights_init(struct lw_virtual_lights *lights, const st
     enum lw_status status = lw_virtual_paths_init(&lights->paths, count, bounces, sets);
     if (status != LW_OK) return status;
     const size_t all = (size_t)lights->paths.paths * bounces;
-    const size_t packets = (size_t)patches->tiles->block_count * LW_PACKETS_MAX; /* for any covered texels */
+    const size_t packets = patches->tiles->packet_count; /* for any covered texels */
     lights->shooter = aligned_alloc(64, (all + 1) * sizeof *lights->shooter);
     lights->light = calloc(all + 1, sizeof *lights->light);
     lights->sum = malloc((packets + 2) * sizeof *lights->sum);

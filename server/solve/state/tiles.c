@@ -271,9 +271,9 @@ static size_t packets_of(const struct lw_tile_place *place) {
     return packets;
 }
 
-/* Begins the blocks of a tile whose texels are known, without light. first_packet: the first of its own. */
-static void begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile, size_t first_packet) {
-    size_t packet = first_packet;
+/* Begins the blocks of a tile whose texels are known, without light. packet: the first of its own. Returns
+ * the first packet behind them. */
+static size_t begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile, size_t packet) {
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
         tiles->block_of_texel[tile->first + i] =
             (uint32_t)(lw_tiles_block(tile, i % tile->width, i / tile->width) - tiles->block);
@@ -289,6 +289,7 @@ static void begin_tile(struct lw_tiles *tiles, struct lw_solve_tile *tile, size_
     }
     LW_INVARIANT(packet <= tiles->packet_capacity);
     tile->light.state = tile->covered_count ? LW_BLOCK_SAMPLED : LW_BLOCK_CONVERGED;
+    return packet;
 }
 
 enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scene,
@@ -349,8 +350,7 @@ enum lw_status lw_tiles_init(struct lw_tiles *tiles, const struct lw_scene *scen
         tile->first = texels->first[place->object] + tile->local;
         tile->changes = texels->changes[place->object];
         blocks += tile->block_columns * tile->block_rows;
-        begin_tile(tiles, tile, packets);
-        packets += packets_of(place);
+        packets = begin_tile(tiles, tile, packets);
     }
     LW_INVARIANT(n == tiles->count && blocks == tiles->block_count && packets == tiles->packet_count);
 #pragma omp parallel for schedule(dynamic) num_threads(threads)
@@ -387,7 +387,7 @@ void lw_tiles_add_fine(struct lw_tiles *tiles, lw_tile_id id, const struct lw_ti
                                    .fine_slot = slot,
                                    .light = {.error = 1},
                                    .changes = tiles->changes[place->object]};
-    begin_tile(tiles, tile, first_packet);
+    (void)begin_tile(tiles, tile, first_packet);
     deal_blocks(tiles, tile);
     hash_blocks(tiles, tile);
     tiles->slot_of_id[id.v] = tiles->count++;

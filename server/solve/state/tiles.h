@@ -128,7 +128,7 @@ struct lw_tiles {
     uint32_t *slot_of_id;         /* lw_tile_id -> index into tile, or UINT32_MAX: it is not solved as such */
     struct lw_solve_block *block; /* all tiles' blocks, by tile id */
     uint32_t block_count;
-    /* Of all blocks, one after another: as many for each as its texels could fill. */
+    /* The blocks' packets, one block after another. A block has room for those that its texels could fill. */
     struct lw_packet *packet;
     struct lw_change_packet *change_packet; /* a packet's gradients, for each packet */
     size_t packet_count, packet_capacity;
