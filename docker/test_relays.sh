@@ -1,9 +1,10 @@
 #!/bin/bash
-# Runs the services of docker/compose.relays.yaml without Docker, at their own addresses and with their own options:
-# each in a root folder, a network namespace and with the limits of its container. docker/test.sh makes the image.
+# Runs the services of docker/compose.relays.yaml without Docker, at their own addresses and with their own
+# options: each in a root folder, a network namespace and with the limits of its container. docker/test.sh makes
+# the image.
 #     docker/test.sh FOLDER && docker/test_relays.sh FOLDER
-# nats-server and Prometheus are Debian's, each in a root folder of its own. Grafana is not in Debian: Prometheus
-# answers the queries of its dashboard. tests/integration/compose.mjs starts the services and looks at them.
+# nats-server and Prometheus are Debian's, each in a root folder of its own. Grafana is not in Debian:
+# Prometheus answers the queries of its dashboard. tests/integration/compose.mjs starts the services and looks at them.
 # Wants what docker/test.sh wants, and Node.js.
 set -euo pipefail
 folder=$(realpath "${1:-}")

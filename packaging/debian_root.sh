@@ -1,5 +1,5 @@
 # shellcheck shell=bash
-# A root folder of Debian 12, for docker/test.sh, docker/test_relays.sh and packaging/test.sh: they read this file.
+# A root folder of Debian 12. docker/test.sh, docker/test_relays.sh and packaging/test.sh read this file.
 
 # make_debian_root FOLDER TARGET OPTION...: TARGET, as small as can be, from this machine's apt sources and by its
 # proxies; OPTIONs go to mmdebstrap. FOLDER takes lists and a log. Fails with a line on stderr.

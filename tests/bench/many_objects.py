@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Writes a scene of many small objects as a glTF file: a square number of prisms of 28 triangles on a ground, lit by
-a sun of 1000 W/m^2.
+"""Writes a scene of many small objects as a glTF file: a square number of prisms of 28 triangles on a ground,
+lit by a sun of 1000 W/m^2.
 
 many_objects.py COUNT OUT.glb
 """
@@ -44,7 +44,8 @@ def make_ground(half):
 def place(number, row):
     """Node of an object."""
     x, z = ((i - row / 2) * SPACING + random.uniform(-0.6, 0.6) for i in (number % row, number // row))
-    return {"mesh": 0, "translation": [round(x, 3), 0, round(z, 3)], "scale": 3 * [round(random.uniform(0.5, 2), 2)]}
+    return {"mesh": 0, "translation": [round(x, 3), 0, round(z, 3)],
+            "scale": 3 * [round(random.uniform(0.5, 2), 2)]}
 
 
 class Buffer:
@@ -75,7 +76,8 @@ class Buffer:
 
 
 def matt(colour):
-    return {"pbrMetallicRoughness": {"baseColorFactor": colour + [1], "metallicFactor": 0, "roughnessFactor": 1}}
+    return {"pbrMetallicRoughness": {"baseColorFactor": colour + [1], "metallicFactor": 0,
+                                     "roughnessFactor": 1}}
 
 
 def main():
@@ -83,15 +85,16 @@ def main():
     random.seed(1)
     buffer = Buffer()
     meshes = [buffer.add_mesh(make_prism(), 0), buffer.add_mesh(make_ground(row * SPACING / 2), 1)]
-    nodes = [{"mesh": 1}, {"rotation": [-0.5, 0.2, 0, 0.84], "extensions": {"KHR_lights_punctual": {"light": 0}}}]
+    light = "KHR_lights_punctual"
+    nodes = [{"mesh": 1}, {"rotation": [-0.5, 0.2, 0, 0.84], "extensions": {light: {"light": 0}}}]
     nodes += [place(number, row) for number in range(row * row)]
-    sun = {"type": "directional", "intensity": 1000}
-    text = json.dumps({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(len(nodes)))}],
-                       "nodes": nodes, "meshes": meshes, "accessors": buffer.accessor, "bufferViews": buffer.view,
-                       "buffers": [{"byteLength": len(buffer.bytes)}],
-                       "materials": [matt([0.5, 0.4, 0.3]), matt([0.3, 0.4, 0.2])],
-                       "extensionsUsed": ["KHR_lights_punctual"],
-                       "extensions": {"KHR_lights_punctual": {"lights": [sun]}}}, separators=(",", ":")).encode()
+    scene = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(len(nodes)))}],
+             "nodes": nodes, "meshes": meshes, "accessors": buffer.accessor, "bufferViews": buffer.view,
+             "buffers": [{"byteLength": len(buffer.bytes)}],
+             "materials": [matt([0.5, 0.4, 0.3]), matt([0.3, 0.4, 0.2])],
+             "extensionsUsed": [light],
+             "extensions": {light: {"lights": [{"type": "directional", "intensity": 1000}]}}}
+    text = json.dumps(scene, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     with open(sys.argv[2], "wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(buffer.bytes)))

@@ -177,7 +177,8 @@ static void a_form_that_is_taken_late_comes_at_once(void **state) {
 }
 
 /* Error of a decoded component of a direction, root mean square over a tile, at most. */
-#define CODED_ERROR (LW_TILE_DCT_HOLD * 4 * LW_PUBLISHER_STEP_WIDEST)
+#define CODED_ERROR                                                                                          \
+    (LW_TILE_DCT_HOLD * LW_PUBLISHER_STEP_WIDEST * lw_tile_channel_at(LW_TILE_CHANNEL_DIRECTION)->step)
 
 /* Counts the texels of level 0 whose light has a direction. */
 static uint32_t count_directions(int i) {

@@ -82,7 +82,8 @@ test('XXH3-128 as packages are named', () => {
 });
 
 test('memory that was freed is taken again, in pieces of any size', () => {
-  const take = (count) => Array.from({ length: count }, (_, i) => tiles.createCoefficients(64, 8 + 8 * (i % 8)));
+  const height = (i) => 8 + 8 * (i % 8);
+  const take = (count) => Array.from({ length: count }, (_, i) => tiles.createCoefficients(64, height(i)));
   const side = 1024;
   const image = () => tiles.unfilter(new Uint8Array(4 * side * side), side, side);
   image();
