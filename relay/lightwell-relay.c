@@ -31,14 +31,14 @@ static const char *const client_variables[] = {"token", NULL};
 
 struct settings {
     struct lw_options_config config;
-    const char *upstream;
+    const char *upstream, *updates;
     struct lw_serve_options serve;
     struct lw_access_options access_options;
     struct lw_access access;
     const char *cache;
     int log_format, log_level;
     char default_cache[1024];
-    struct lw_relay_address address[LW_RELAY_UPSTREAMS_MAX];
+    struct lw_relay_address address[LW_RELAY_UPSTREAMS_MAX], updates_address;
     uint32_t address_count;
 };
 
@@ -90,6 +90,14 @@ static enum lw_status parse_upstreams(struct settings *s, struct lw_error *err) 
     return LW_OK;
 }
 
+static enum lw_status parse_updates(struct settings *s, struct lw_error *err) {
+    struct lw_relay_address *a = &s->updates_address;
+    if (!s->updates) return LW_OK;
+    enum lw_status status = lw_access_address(s->updates, a->host, sizeof a->host, &a->port, err);
+    if (status != LW_OK) lw_status_context(err, "--updates");
+    return status;
+}
+
 /* Who asks for TLS gets none of it by an address of NATS in plain. */
 static enum lw_status check_plain(const struct settings *s, struct lw_error *err) {
     struct lw_nats_wire_address nats;
@@ -120,6 +128,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     const struct lw_option table[] = {
         LW_SERVE_OPTIONS(&s->serve),
         LW_ACCESS_OPTIONS(&s->access_options),
+        {"updates", "HOST[:PORT]",
+         "with UPSTREAM of NATS, which carries light alone: send the changes that clients make there, to the "
+         "lightwelld that publishes the light, or to a relay of it; unix:PATH, too (default: to UPSTREAM)",
+         LW_OPTION_STRING, &s->updates, 0, 0, NULL},
         {"cache", "FOLDER",
          "keep scene packages there by their hashes, so that none is downloaded twice; \"\": nowhere "
          "(default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
@@ -149,6 +161,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     if (status != LW_OK || *out_done) return status;
     s->upstream = upstream[0];
     status = parse_upstreams(s, err);
+    if (status == LW_OK) status = parse_updates(s, err);
     if (status == LW_OK) status = lw_serve_options_check(&s->serve, err);
     if (status == LW_OK) status = lw_access_read(&s->access_options, &s->access, err);
     if (status == LW_OK) status = check_plain(s, err);
@@ -298,6 +311,7 @@ static enum lw_status run(struct program *p, struct lw_error *err) {
     const struct settings *s = &p->settings;
     const struct lw_relay_desc desc = {.upstream = s->address,
                                        .upstream_count = s->address_count,
+                                       .updates = s->updates ? &s->updates_address : NULL,
                                        .access = &s->access,
                                        .cache_folder = *s->cache ? s->cache : NULL};
     enum lw_status status = lw_relay_create(&desc, &p->relay, err);

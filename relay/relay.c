@@ -6,6 +6,7 @@
 #include "common/base/invariant.h"
 #include "common/base/log.h"
 #include "proto/nats_wire.h"
+#include "relay/relay_updates.h"
 #include "server/serve/admission/server_limits.h"
 
 #include <errno.h>
@@ -22,29 +23,16 @@
 
 #define TIMEOUT_DEFAULT_MS 5000u
 #define MS_NS              1000000ull
-#define SOON_MS            100  /* while something waits for its time, such as an INTEREST */
-#define REST_MS            1000 /* else: under LW_LINK_PING_S */
-#define CONTROL_RETRY_NS   (1000 * MS_NS)
-#define CONTROL_IDLE_NS    (60000 * MS_NS)
+#define SOON_MS            100            /* while something waits for its time, such as an INTEREST */
+#define REST_MS            1000           /* else: under LW_LINK_PING_S */
 #define REPORT_NS          (2000 * MS_NS) /* between two reports to the server above */
 #define WAITS_MAX          20u            /* then there are two servers at one address */
-
-/* A session that forwards the updates of one token, or of sessions without one. */
-struct control {
-    struct lw_relay *relay;
-    bool is_used, has_token;
-    struct lw_token token;
-    struct lw_relay_upstream *up; /* NULL: not connected */
-    uint64_t retry_ns, used_ns;
-    struct lw_passed_update *waiting; /* not sent yet */
-    size_t waiting_count, waiting_capacity;
-    uint64_t *sent; /* numbers of those that have no answer */
-    size_t sent_count, sent_capacity;
-};
 
 struct lw_relay {
     struct lw_relay_address upstream[LW_RELAY_UPSTREAMS_MAX];
     uint32_t upstream_count;
+    struct lw_relay_address updates_address; /* host "": updates go to the upstream that is tried */
+    struct lw_relay_updates *updates;
     struct lw_access access;
     struct ssl_ctx_st *trust;
     const char *cache_folder;
@@ -93,7 +81,6 @@ struct lw_relay {
     uint64_t reported_ns, reported_bytes; /* when the last report was made; sent to clients by then */
     struct lw_relay_tree_node below[LW_RELAY_TREE_MAX];
     char report[LW_RELAY_TREE_TEXT_MAX];
-    struct control control[LW_RELAY_CONTROLS_MAX];
 };
 
 /* ---- upstream: found, lost ---- */
@@ -372,160 +359,31 @@ static void follow_interest(struct lw_relay *r) {
     r->owes |= owes_ids(r);
 }
 
-/* ---- updates ---- */
+/* ---- updates: what their thread asks ---- */
 
-static void answer_busy(struct lw_relay *r, uint64_t number, const char *text) {
-    if (r->server)
-        (void)lw_server_answer_passed(
-            r->server, number, &(struct lw_message_updated){.code = LW_SCENE_CHANGE_BUSY, .text = text});
-}
-
-/* The server may have made the changes that were sent to it. It has made none of those that wait. */
-static void end_control(struct control *c, const char *why) {
-    struct lw_relay *r = c->relay;
-    for (size_t i = 0; i < c->sent_count; i++)
-        if (r->server) lw_server_lose_passed(r->server, c->sent[i]);
-    for (size_t i = 0; i < c->waiting_count; i++) {
-        answer_busy(r, c->waiting[i].number, why);
-        free(c->waiting[i].change);
-    }
-    c->sent_count = c->waiting_count = 0;
-    lw_relay_upstream_destroy(c->up);
-    c->up = NULL;
-}
-
-static void free_control(struct control *c) {
-    end_control(c, "");
-    free(c->waiting);
-    free(c->sent);
-    *c = (struct control){0};
-}
-
-static void on_answered(void *context, const struct lw_message_updated *updated) {
-    struct control *c = context;
-    struct lw_message_updated answer = *updated;
-    for (size_t i = 0; i < c->sent_count; i++) {
-        if (c->sent[i] != updated->request) continue;
-        memmove(c->sent + i, c->sent + i + 1, (--c->sent_count - i) * sizeof *c->sent);
-        if (!c->relay->server) return;
-        answer.frame = lw_relay_light_frame_for_clients(c->relay->scene.light, updated->frame);
-        if (!lw_server_answer_passed(c->relay->server, updated->request, &answer))
-            lw_server_lose_passed(c->relay->server, updated->request);
-        return;
-    }
-}
-
-static struct control *find_control(struct lw_relay *r, const struct lw_passed_update *update) {
-    struct control *unused = NULL;
-    for (struct control *c = r->control; c < r->control + LW_RELAY_CONTROLS_MAX; c++) {
-        if (!c->is_used && !unused) unused = c;
-        if (c->is_used && c->has_token == update->has_token &&
-            (!c->has_token || !memcmp(c->token.bytes, update->token.bytes, sizeof c->token.bytes)))
-            return c;
-    }
-    if (unused)
-        *unused = (struct control){
-            .relay = r, .is_used = true, .has_token = update->has_token, .token = update->token};
-    return unused;
-}
-
-static bool make_room(void **array, size_t *capacity, size_t count, size_t size) {
-    if (count < *capacity) return true;
-    const size_t grown_capacity = *capacity ? 2 * *capacity : 16;
-    void *grown = realloc(*array, grown_capacity * size);
-    if (!grown) return false;
-    *array = grown;
-    *capacity = grown_capacity;
-    return true;
-}
-
-static void take_updates(struct lw_relay *r) {
-    struct lw_passed_update update;
-    while (r->server && lw_server_take_passed(r->server, &update)) {
-        struct control *c = find_control(r, &update);
-        if (!c ||
-            !make_room((void **)&c->waiting, &c->waiting_capacity, c->waiting_count, sizeof *c->waiting) ||
-            !make_room((void **)&c->sent, &c->sent_capacity, c->sent_count + c->waiting_count,
-                       sizeof *c->sent)) {
-            answer_busy(r, update.number,
-                        c ? "out of memory: nothing was changed"
-                          : "too many tokens change the scene at once: nothing was changed");
-            free(update.change);
-            continue;
-        }
-        c->waiting[c->waiting_count++] = update;
-        r->stats.updates_passed++;
-    }
-}
-
-static void connect_control(struct lw_relay *r, struct control *c) {
-    struct lw_error err = {0};
-    const bool own = !c->has_token && r->access.has_token;
-    const struct lw_relay_upstream_desc desc = {.host = r->upstream[r->at].host,
-                                                .port = r->upstream[r->at].port,
-                                                .token = c->has_token ? &c->token
-                                                         : own        ? &r->access.token
-                                                                      : NULL,
-                                                .trust = r->trust,
-                                                .nats_trust = &r->access.tls,
-                                                .timeout_ms = r->timeout_ms,
-                                                .relay = r->number,
-                                                .control = true};
-    struct lw_relay_upstream *up = NULL;
-    pthread_mutex_unlock(&r->mutex);
-    const enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
+static struct lw_relay_address where_updates_go(void *context) {
+    struct lw_relay *r = context;
+    if (*r->updates_address.host) return r->updates_address;
     pthread_mutex_lock(&r->mutex);
-    c->up = up;
-    const bool is_same = status == LW_OK && r->has_scene && lw_relay_upstream_told(up)->run == r->above_run;
-    if (is_same) {
-        lw_relay_upstream_set_answered(up, on_answered, c);
-        return;
-    }
-    c->retry_ns = lw_clock_ns() + CONTROL_RETRY_NS;
-    char text[LW_MESSAGE_TEXT_MAX + 1];
-    snprintf(text, sizeof text, "nothing was changed: the server above: %.200s",
-             status == LW_OK ? "its light is not here yet" : err.text);
-    end_control(c, text);
+    const struct lw_relay_address address = r->upstream[r->at];
+    pthread_mutex_unlock(&r->mutex);
+    return address;
 }
 
-static enum lw_status send_updates(struct control *c, struct lw_error *err) {
-    size_t done = 0;
-    enum lw_status status = LW_OK;
-    for (bool sent = true; status == LW_OK && sent && done < c->waiting_count;) {
-        struct lw_passed_update *update = &c->waiting[done];
-        status =
-            lw_relay_upstream_update(c->up, update->number, update->change, update->change_count, &sent, err);
-        if (status != LW_OK || !sent) break;
-        LW_INVARIANT(c->sent_count < c->sent_capacity);
-        c->sent[c->sent_count++] = update->number;
-        free(update->change);
-        done++;
-    }
-    c->waiting_count -= done;
-    memmove(c->waiting, c->waiting + done, c->waiting_count * sizeof *c->waiting);
-    return status;
+static bool is_of_run(void *context, uint64_t run) {
+    struct lw_relay *r = context;
+    pthread_mutex_lock(&r->mutex);
+    const bool is = r->has_scene && r->above_run == run;
+    pthread_mutex_unlock(&r->mutex);
+    return is;
 }
 
-static void serve_control(struct lw_relay *r, struct control *c) {
-    struct lw_error err = {0};
-    const uint64_t now_ns = lw_clock_ns();
-    if (!c->is_used) return;
-    if (c->waiting_count || c->sent_count) c->used_ns = now_ns;
-    if (!c->up && c->waiting_count && now_ns < c->retry_ns) {
-        end_control(c, "nothing was changed: there is no server above now");
-        return;
-    }
-    if (!c->up && c->waiting_count) connect_control(r, c);
-    if (!c->up) {
-        if (now_ns - c->used_ns > CONTROL_IDLE_NS) free_control(c);
-        return;
-    }
-    enum lw_status status = send_updates(c, &err);
-    if (status == LW_OK) status = lw_relay_upstream_take(c->up, &err);
-    if (status != LW_OK)
-        end_control(c, "nothing was changed: the server above is gone");
-    else if (now_ns - c->used_ns > CONTROL_IDLE_NS)
-        free_control(c);
+static uint64_t frame_for_clients(void *context, uint64_t frame) {
+    struct lw_relay *r = context;
+    pthread_mutex_lock(&r->mutex);
+    const uint64_t counted = r->has_scene ? lw_relay_light_frame_for_clients(r->scene.light, frame) : frame;
+    pthread_mutex_unlock(&r->mutex);
+    return counted;
 }
 
 /* ---- light ---- */
@@ -625,8 +483,6 @@ static int time_left(const struct lw_relay *r) {
     if (r->some_ns) return LW_RELAY_HOLD_MS;
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         soon |= r->feed[c] && lw_relay_upstream_is_waiting(r->feed[c]);
-    for (const struct control *c = r->control; c < r->control + LW_RELAY_CONTROLS_MAX; c++)
-        soon |= c->waiting_count > 0;
     if (!soon) return REST_MS;
     if (r->retry_ns <= now_ns) return SOON_MS;
     const uint64_t left_ms = (r->retry_ns - now_ns) / MS_NS + 1;
@@ -642,13 +498,12 @@ static void add_poll(struct pollfd *polled, nfds_t *count, const struct lw_relay
 
 /* Without the mutex while it waits. */
 static void wait_for_any(struct lw_relay *r) {
-    struct pollfd polled[2 + LW_TILE_CHANNELS_MAX + LW_RELAY_CONTROLS_MAX];
+    struct pollfd polled[2 + LW_TILE_CHANNELS_MAX];
     nfds_t count = 0;
     uint64_t told;
     polled[count++] = (struct pollfd){.fd = r->wake, .events = POLLIN};
     add_poll(polled, &count, r->newcomer);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) add_poll(polled, &count, r->feed[c]);
-    for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) add_poll(polled, &count, r->control[c].up);
     const int left_ms = time_left(r);
     pthread_mutex_unlock(&r->mutex);
     (void)poll(polled, count, left_ms);
@@ -678,14 +533,11 @@ static void *run(void *context) {
         follow_runs(r);
         look_for_light(r);
         follow_interest(r);
-        take_updates(r);
-        for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) serve_control(r, &r->control[c]);
         publish(r);
         report(r);
         publish_stats(r);
         wait_for_any(r);
     }
-    for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) free_control(&r->control[c]);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) close_upstream(r, &r->feed[c]);
     close_upstream(r, &r->newcomer);
     pthread_mutex_unlock(&r->mutex);
@@ -693,6 +545,11 @@ static void *run(void *context) {
 }
 
 /* ---- for main() ---- */
+
+static void wake(struct lw_relay *r) {
+    const uint64_t one = 1;
+    (void)!write(r->wake, &one, sizeof one); /* full: it is awake already */
+}
 
 static void free_relay(struct lw_relay *r) {
     lw_relay_scene_finish(&r->scene);
@@ -730,6 +587,7 @@ enum lw_status lw_relay_create(const struct lw_relay_desc *desc, struct lw_relay
     if (!r) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     memcpy(r->upstream, desc->upstream, desc->upstream_count * sizeof *r->upstream);
     r->upstream_count = desc->upstream_count;
+    if (desc->updates) r->updates_address = *desc->updates;
     r->access = *desc->access;
     r->cache_folder = desc->cache_folder;
     r->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
@@ -737,17 +595,31 @@ enum lw_status lw_relay_create(const struct lw_relay_desc *desc, struct lw_relay
     r->main_channel = LW_LIGHT_FORM_FULL;
     enum lw_status status = lw_tls_trust_create(&desc->access->tls, &r->trust, err);
     if (status == LW_OK) status = start(r, err);
-    if (status == LW_OK)
+    if (status != LW_OK) {
+        free_relay(r);
+        return status;
+    }
+    const struct lw_relay_updates_desc updates = {.light = {.context = r,
+                                                            .where = where_updates_go,
+                                                            .is_of_run = is_of_run,
+                                                            .frame_for_clients = frame_for_clients},
+                                                  .access = desc->access,
+                                                  .trust = r->trust,
+                                                  .timeout_ms = r->timeout_ms,
+                                                  .relay = r->number};
+    if ((status = lw_relay_updates_create(&updates, &r->updates, err)) == LW_OK)
         *out_relay = r;
     else
-        free_relay(r);
+        lw_relay_destroy(r);
     return status;
 }
 
 void lw_relay_destroy(struct lw_relay *r) {
     if (!r) return;
+    lw_relay_updates_destroy(r->updates);
+    r->updates = NULL;
     r->stopping = true;
-    lw_relay_wake(r);
+    wake(r);
     pthread_join(r->thread, NULL);
     pthread_cond_destroy(&r->changed);
     pthread_mutex_destroy(&r->told_mutex);
@@ -816,24 +688,20 @@ void lw_relay_serve(struct lw_relay *r, struct lw_server *server, const char *na
     lw_server_set_relays_above(server, r->above, r->above_count);
     if (r->has_next) lw_server_relay(server);
     pthread_mutex_unlock(&r->mutex);
-    lw_relay_wake(r);
+    wake(r);
+    lw_relay_updates_serve(r->updates, server);
 }
 
 void lw_relay_leave(struct lw_relay *r) {
+    lw_relay_updates_leave(r->updates);
     pthread_mutex_lock(&r->mutex);
-    for (uint32_t c = 0; c < LW_RELAY_CONTROLS_MAX; c++) { /* numbers of updates are the server's */
-        for (size_t i = 0; i < r->control[c].waiting_count; i++) free(r->control[c].waiting[i].change);
-        r->control[c].waiting_count = r->control[c].sent_count = 0;
-        lw_relay_upstream_destroy(r->control[c].up);
-        r->control[c].up = NULL;
-    }
     r->server = NULL;
     pthread_mutex_unlock(&r->mutex);
 }
 
 void lw_relay_wake(struct lw_relay *r) {
-    const uint64_t one = 1;
-    (void)!write(r->wake, &one, sizeof one); /* full: it is awake already */
+    wake(r);
+    lw_relay_updates_wake(r->updates);
 }
 
 uint32_t lw_relay_above(struct lw_relay *r, uint64_t out_above[LW_MESSAGE_RELAYS_MAX]) {
@@ -845,8 +713,12 @@ uint32_t lw_relay_above(struct lw_relay *r, uint64_t out_above[LW_MESSAGE_RELAYS
 }
 
 void lw_relay_get_stats(struct lw_relay *r, struct lw_relay_stats *out_stats) {
+    struct lw_relay_updates_stats updates;
+    lw_relay_updates_get_stats(r->updates, &updates);
     pthread_mutex_lock(&r->told_mutex);
     *out_stats = r->told;
+    out_stats->updates_passed = updates.passed;
+    out_stats->cpu_ns += updates.cpu_ns;
     out_stats->lost_ns = r->told_lost_at_ns ? lw_clock_ns() - r->told_lost_at_ns : 0;
     pthread_mutex_unlock(&r->told_mutex);
 }

@@ -1,7 +1,7 @@
 /* relay.h: the thread that feeds a server from the server above: finds one of several, keeps sessions with
- * it, passes light down and interest and updates up.
+ * it, passes light down and interest up. Updates have a thread of their own: relay_updates.h.
  * Flow:    servers above -> relay_upstream -> relay_light -> [relay] -> lw_server_publish() -> clients
- *          clients -> lw_server_take_interest(), _take_passed() -> [relay] -> relay_upstream -> server above
+ *          clients -> lw_server_take_interest() -> [relay] -> relay_upstream -> server above
  * Threads: a thread of its own. These functions are for main(), but lw_relay_wake() and lw_relay_get_stats()
  *          are [any].
  *
@@ -23,16 +23,11 @@
 #define LW_RELAY_HOLD_MS 20u
 /* A channel that no client takes any more is kept for so long: clients come back. */
 #define LW_RELAY_CHANNEL_LINGERS_MS 10000u
-#define LW_RELAY_CONTROLS_MAX       64u /* tokens whose updates are forwarded at once */
-
-struct lw_relay_address {
-    char host[256]; /* or unix:PATH, or an address of NATS (nats_wire.h) */
-    uint16_t port;
-};
 
 struct lw_relay_desc {
     const struct lw_relay_address *upstream; /* copied; tried in turn */
     uint32_t upstream_count;                 /* 1 to LW_RELAY_UPSTREAMS_MAX */
+    const struct lw_relay_address *updates;  /* copied; updates go there. NULL: to the upstream */
     const struct lw_access *access; /* copied: for light, and for updates of sessions without token */
     const char *cache_folder;       /* for packages; outlives the relay. NULL: none */
     unsigned timeout_ms;            /* for connecting; 0: 5000 */

@@ -572,7 +572,8 @@ static enum lw_status connect_feed(struct lw_relay_upstream *up, const struct lw
     int socket;
     enum lw_status status = lw_nats_wire_address(desc->host, &address, err);
     if (status == LW_OK && desc->control)
-        status = lw_status_fail(err, LW_NOT_ALLOWED, "changes of the scene do not go through NATS");
+        status = lw_status_fail(err, LW_NOT_ALLOWED,
+                                "NATS carries no changes: --updates names the lightwelld that takes them");
     if (status == LW_OK)
         status = lw_nats_feed_create(&(struct lw_nats_feed_desc){.address = &address,
                                                                  .trust = *desc->nats_trust,

@@ -11,6 +11,12 @@
 #include "proto/message.h"
 #include "relay/relay_light.h"
 
+/** Where a server is. */
+struct lw_relay_address {
+    char host[256]; /* or unix:PATH, or an address of NATS (nats_wire.h) */
+    uint16_t port;
+};
+
 struct lw_relay_upstream;
 
 struct lw_relay_upstream_desc {

@@ -58,7 +58,7 @@ kill_it() {
     note "$1 is killed"
     kill -KILL "${pid[$1]}"
     wait "${pid[$1]}" 2>/dev/null || true
-    sleep 1 # as long as a supervisor takes
+    sleep 0.25 # RestartSec of packaging/systemd
 }
 
 start_nats

@@ -96,10 +96,9 @@ static void each_part_dies_in_turn(void **state) {
     lw_relays_expect_same();
     assert_int_equal(lw_relays_stats(1).tiles, tiles);
     change(&hide_5);
-    /* changes do not go through NATS */
-    lw_relays_update(1, &show_5, &answer);
+    lw_relays_update(1, &show_5, &answer); /* NATS carries none */
     assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
-    assert_non_null(strstr(answer.text, "do not go through NATS"));
+    assert_non_null(strstr(answer.text, "--updates"));
     change(&show_5);
     /* NATS: the daemon serves on, relays keep their light, and have the rest once it is back */
     lw_nats_case_kill(&nats);
@@ -196,6 +195,78 @@ static void what_is_kept_serves_newcomers(void **state) {
     while (!first_relay_is_lost()) lw_relays_poll();
     lw_process_await_text(&relay[0], "no lightwelld publishes there now");
     assert_true(first_has_light());
+}
+
+/* ---- updates ---- */
+
+/* Light by NATS, changes to the daemon itself. The answer comes with the frame that shows the change, by the
+ * numbers that the relay's clients have, in another run of the daemon, too. */
+static void updates_go_to_the_daemon(void **state) {
+    (void)state;
+    char options[64], again[200];
+    struct lw_client_answer answer;
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    snprintf(options, sizeof options, "--updates 127.0.0.1:%u", server.port);
+    snprintf(again, sizeof again, LW_RELAYS_CORNELL " --listen 127.0.0.1:%u", server.port);
+    lw_relays_start(&relay[0], address("room"), options);
+    for (int run = 0; run < 2; run++) {
+        lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = false});
+        if (!run) lw_relays_join_with(1, relay[0].port, (struct lw_client_desc){.control = true});
+        if (run) lw_relays_wait(relays_have_another_run);
+        lw_relays_rest(&server);
+        uint64_t frame = 0;
+        for (int tries = 0; tries < 1000; tries++) { /* after a failure it does not connect for a second */
+            frame = lw_relays_update(1, &hide_5, &answer);
+            if (!run || answer.code != LW_SCENE_CHANGE_BUSY) break;
+            lw_relays_poll();
+        }
+        assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+        assert_true(lw_relays_stats(1).frame >= frame && lw_client_object_hidden(lw_relays_client[1], 5));
+        lw_relays_expect_same();
+        lw_client_destroy(lw_relays_client[0]);
+        lw_relays_client[0] = NULL;
+        if (run) continue;
+        kill_it(&server);
+        lw_process_await_text(&relay[0], "clients keep the light that they have");
+        lw_relays_update(1, &show_5, &answer);
+        assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
+        assert_non_null(strstr(answer.text, "nothing was changed"));
+        serve(again);
+    }
+    lw_process_refuses("lightwell-relay", "nats://127.0.0.1:4222/a --updates nats://127.0.0.1:4222/a", 64,
+                       "--updates", LW_PROCESS_LIMIT_S);
+}
+
+/* Light does not wait for a server that takes connections and says nothing. */
+static void light_goes_on_while_an_update_waits(void **state) {
+    (void)state;
+    char options[64];
+    struct sockaddr_in at = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t size = sizeof at;
+    struct lw_error err = {0};
+    struct lw_client_answer answer;
+    const int silent = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    assert_int_equal(bind(silent, (struct sockaddr *)&at, size), 0);
+    assert_int_equal(listen(silent, 8), 0);
+    assert_int_equal(getsockname(silent, (struct sockaddr *)&at, &size), 0);
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    snprintf(options, sizeof options, "--updates 127.0.0.1:%u", ntohs(at.sin_port));
+    lw_relays_start(&relay[0], address("room"), options);
+    lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = true});
+    lw_relays_join_with(1, relay[0].port, (struct lw_client_desc){.control = true});
+    lw_relays_rest(&server);
+    lw_support_ok(lw_client_update(lw_relays_client[1], &show_5, 1, NULL, &err), &err);
+    const int waits = accept(silent, NULL, NULL);
+    assert_true(waits >= 0);
+    change(&hide_5);
+    change(&show_5);
+    assert_false(lw_client_next_answer(lw_relays_client[1], &answer));
+    close(waits);
+    while (!lw_client_next_answer(lw_relays_client[1], &answer)) lw_relays_poll();
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
+    close(silent);
 }
 
 /* ---- where light comes from ---- */
@@ -514,6 +585,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(each_part_dies_in_turn, end_all),
         cmocka_unit_test_teardown(what_is_kept_serves_newcomers, end_all),
+        cmocka_unit_test_teardown(updates_go_to_the_daemon, end_all),
+        cmocka_unit_test_teardown(light_goes_on_while_an_update_waits, end_all),
         cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(interest_goes_up, end_all),
         cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
