@@ -57,6 +57,8 @@ static enum lw_status check(struct lw_daemon_settings *s, struct lw_error *err) 
         return status;
     }
     if ((status = lw_combinations_check(choices_of(s), err)) != LW_OK) return status;
+    if (s->keep_changes && !s->keep)
+        return lw_status_fail(err, LW_USAGE, "--keep-changes needs a folder: --keep FOLDER");
     status = lw_serve_options_check(&s->serve, err);
     if (status == LW_OK && s->nats &&
         (status = lw_nats_wire_address(s->nats, &s->nats_address, err)) != LW_OK)
@@ -201,6 +203,11 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "keep the light there over a restart: what was shown, and of a scene that never changed the sums "
          "as well",
          LW_OPTION_STRING, &s->keep, 0, 0, NULL},
+        {"keep-changes", NULL,
+         "keep the changes that clients make to the scene in the folder of --keep, each before it is "
+         "answered: "
+         "the next run goes on with them, after a kill, too",
+         LW_OPTION_FLAG, &s->keep_changes, 0, 0, NULL},
         {"cache", "FOLDER",
          "keep there what is found once per scene, so that the next start need not look inside objects "
          "again; \"\": nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
