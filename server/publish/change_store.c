@@ -169,7 +169,7 @@ enum lw_status lw_change_store_open(struct lw_change_store *store, const char *f
         status = read_lists(store, (uint64_t)st.st_size, &kept, err);
     } else {
         if (store->file >= 0)
-            lw_log(LW_LOG_WARNING, "%s: holds no changes of this scene: beginning anew", store->path);
+            lw_log(LW_LOG_WARNING, "%s: holds no changes of this scene: they are dropped", store->path);
         status = begin_file(store, NULL, 0, err);
     }
     if (status == LW_OK) {
