@@ -1,9 +1,9 @@
 /* direction_maps.h: directions of baked light, in the forms that engines read.
  * Flow:    r, plain normal and irradiance of each texel -> [direction_maps] -> EXR
  * Threads: one lw_map belongs to one thread.
- * After:   DecodeDirectionalLightmap() of Unity's UnityCG.cginc; Godot 4.4 and newer:
- *          modules/lightmapper_rd/lm_compute.glsl (MODE_PACK_L1_COEFFS), servers/rendering/renderer_rd/shaders/
- *          forward_clustered/scene_forward_clustered.glsl (uses_sh), scene/3d/lightmap_gi.cpp (order of layers).
+ * After:   UnityCG.cginc of Unity, DecodeDirectionalLightmap(). Godot 4.4 and newer, modules/lightmapper_rd:
+ *          lm_compute.glsl (USE_SH_LIGHTMAPS, MODE_PACK_L1_COEFFS). Its scene/3d/lightmap_gi.cpp stacks layers;
+ *          scene_forward_clustered.glsl of its renderer_rd reads them (uses_sh).
  *
  * Axes are those of glTF and of Godot: right-handed, y up. With the line of direction_linear.h:
  *
@@ -13,8 +13,8 @@
  * sh        4      four layers, from the top: L0 = even E / pi, and of y, z, x slope / (8 even) + 1/2; A:
  *                  coverage. E(m) / pi = L0 (1 + 4 (2 y - 1) m.y + 4 (2 z - 1) m.z + 4 (2 x - 1) m.x)
  *
- * Godot's own lightmapper writes the same layers for a lamp alone. For other light it writes L0 = E / (4 pi)
- * and L1 = V / pi, which is 8 % dark at the plain normal under an even sky; `sh` is exact there. */
+ * Godot's own lightmapper, from 4.5 on, writes the same layers for a lamp alone. For other light it writes
+ * L0 = E / (4 pi) and L1 = V / pi, which is 8 % dark at the plain normal under an even sky; `sh` is exact. */
 #ifndef LW_BAKE_DIRECTION_MAPS_H
 #define LW_BAKE_DIRECTION_MAPS_H
 
