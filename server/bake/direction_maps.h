@@ -2,8 +2,8 @@
  * Flow:    r, plain normal and irradiance of each texel -> [direction_maps] -> EXR
  * Threads: one lw_map belongs to one thread.
  * After:   UnityCG.cginc of Unity, DecodeDirectionalLightmap(). Godot 4.4 and newer, modules/lightmapper_rd:
- *          lm_compute.glsl (USE_SH_LIGHTMAPS, MODE_PACK_L1_COEFFS). Its scene/3d/lightmap_gi.cpp stacks layers;
- *          scene_forward_clustered.glsl of its renderer_rd reads them (uses_sh).
+ *          lm_compute.glsl (USE_SH_LIGHTMAPS, MODE_PACK_L1_COEFFS). scene/3d/lightmap_gi.cpp stacks layers.
+ *          scene_forward_clustered.glsl of the renderer reads them (uses_sh).
  *
  * Axes are those of glTF and of Godot: right-handed, y up. With the line of direction_linear.h:
  *
