@@ -193,7 +193,7 @@ static uint64_t join_runs(uint64_t run, uint64_t next) {
     return z + !z;
 }
 
-/* The server hears of it with the first light of that run: until then what there is is of the one before. */
+/* The server hears of the run with its first light. */
 static void set_run(struct lw_relay *r, uint64_t run) {
     r->run = run;
     r->owes_run = true;

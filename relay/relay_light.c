@@ -249,7 +249,7 @@ static bool is_cut_off(const struct lw_relay_light *light) {
 
 bool lw_relay_light_begin_run(struct lw_relay_light *light, uint64_t run) {
     uint64_t last =
-        light->frame > light->before ? light->frame : light->before; /* it may have sent no frame */
+        light->frame > light->before ? light->frame : light->before; /* the last run may have no frame */
     LW_INVARIANT(run && is_cut_off(light));
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
         const struct feed *feed = &light->feed[c];

@@ -748,7 +748,7 @@ static enum lw_status shake_hands(struct lw_client *c, struct lw_error *err) {
     if (status == LW_OK) status = send_interest(c, &cause); /* before tiles can come */
     if (status == LW_OK) status = send_held(c, &cause);
     if (status == LW_OK) return ask_for_package(c, err);
-    /* a peer that hangs up before its welcome is no lightwelld, like one that sends garbage */
+    /* a peer that closes before WELCOME, or sends garbage, is no lightwelld */
     if (status == LW_PROTOCOL || status == LW_CLOSED)
         return lw_status_fail(err, LW_PROTOCOL, "no welcome from a lightwelld of this version: %s",
                               cause.text);

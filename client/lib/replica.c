@@ -160,7 +160,7 @@ enum lw_status lw_replica_create_beside(const struct lw_replica *other, struct l
         r->beside = other;
         r->scene = other->scene;
         r->map = other->map;
-        /* who sees other tiles gives ids to others */
+        /* a replica with another interest set has ids of its own */
         if (other->map.finer_count) status = make_map(r, other->map.finer_count);
     }
     return complete(r, status, out_replica, err);

@@ -31,7 +31,7 @@ enum lw_load_fault {
         LW_LOAD_FAULT_COUNT
 };
 
-/** Counts cover the whole run. Histograms marked `measured` take only what falls into the measured time
+/** Counts cover the whole run. Histograms marked `measured` have samples of the measured time alone
  * (`measuring`). Times are nanoseconds. */
 struct lw_load_figures {
     bool measuring;

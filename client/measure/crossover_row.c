@@ -80,7 +80,7 @@ static enum lw_status find_views(struct lw_crossover_row *row, struct lw_error *
     struct lw_scene_open open = row->options->base.scene;
     open.cancel = row->base.cancel;
     open.lightmap_unused = true;
-    enum lw_status status = lw_scene_open(&open, &scene, err); /* as it is before anything is set moving */
+    enum lw_status status = lw_scene_open(&open, &scene, err); /* the scene before a mover is added */
     if (status != LW_OK) return status;
     status = lw_fixed_views_init(&row->views, scene, (unsigned)open.threads, err);
     lw_scene_destroy(scene);

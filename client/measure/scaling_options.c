@@ -136,13 +136,16 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          "whole: all of the scene",
          LW_OPTION_CHOICE, &light, 0, 0, NULL},
         {"opponent", "raw|lights|reprojected|svgf|svgf-quarter|vpl",
-         "what each user would run instead: raw paths; with all lights at first hits and a clamp; "
-         "and histories re-projected; and filtered over time and picture (default svgf); "
-         "and with paths for a quarter of the pixels; "
-         "and with bounces by the user's own virtual point lights",
+         "what each user would run instead. raw: paths. lights: paths with all lights at first hits and a "
+         "clamp. "
+         "reprojected: lights, with histories. svgf: reprojected, filtered over time and picture (default). "
+         "svgf-quarter: svgf with paths for a quarter of the pixels. vpl: svgf with bounces by the user's "
+         "own "
+         "virtual point lights",
          LW_OPTION_CHOICE, &opponent, 0, 0, NULL},
         {"denoise", "off|on", "filter the lightmaps (default on)", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
-        {"seconds", "S", "of scene time that are measured, after one that is not (default " TEXT(SECONDS) ")",
+        {"seconds", "S",
+         "measured scene time, after a second that is not measured (default " TEXT(SECONDS) ")",
          LW_OPTION_REAL, &raw.options.seconds, 0.2, 600, NULL},
         {"self-test", NULL, "a path tracer on both sides: r(1) must come out as 1", LW_OPTION_FLAG,
          &o.self_test, 0, 0, NULL},

@@ -20,8 +20,8 @@ struct lw_progress {
     /* The stage's own estimate of the time that is left, in place of one by its steps; infinite: not known.
      * NAN, as lw_progress_init() sets it: the estimate is by steps. */
     double left_s;
-    /* The name of steps ("tiles") in a stage that predicts its time left: steps are shown where it cannot.
-     * NULL, as lw_progress_init() sets it: steps are not shown. */
+    /* The name of steps, such as "tiles". A stage that cannot predict its time left shows steps. NULL hides
+     * them; lw_progress_init() sets NULL. */
     const char *unit;
     double limit_s; /* the stage ends then, done or not; 0, as lw_progress_init() makes it: never */
     /* May be NULL; lw_progress_init() makes it so. While it is false the stage shows nothing, as its end is
@@ -44,7 +44,7 @@ void lw_progress_step(struct lw_progress *p, uint64_t steps);
 void lw_progress_set(struct lw_progress *p, uint64_t done);
 /** Ends the stage. Shows its time if that is over a second. Call after the last step of every thread. */
 void lw_progress_finish(struct lw_progress *p);
-/** Ends a stage whose work is not done. Shows its progress and its time. */
+/** Ends a stage whose work is not done. Logs its progress and its time. */
 void lw_progress_stop(struct lw_progress *p);
 /** Calls lw_progress_finish() if done, else lw_progress_stop(). */
 void lw_progress_end(struct lw_progress *p, bool done);

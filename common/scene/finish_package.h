@@ -26,8 +26,8 @@ LW_MUST_CHECK enum lw_status lw_finish_package_take(uint8_t *bytes, size_t size,
                                                     struct lw_error *err);
 
 /** Cuts a package into parts, each of which clients may have already: before each texture's pixels. Other
- * bytes are one part. *out_end: where each part ends, the last one at size; malloc'ed, the caller's. size >
- * 0. Errors: LW_NO_MEMORY. */
+ * bytes are one part. *out_end: the end of each part, in bytes; the last is size. The caller frees it.
+ * size > 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_finish_package_cut(const uint8_t *bytes, size_t size, uint64_t **out_end,
                                                    size_t *out_count);
 

@@ -27,7 +27,7 @@ struct lw_pose {
     struct lw_affine *object_to_world;  /* one per object */
     bool *object_hidden;                /* one per object: no ray meets it */
     bool *object_spare;                 /* one per object: it is not in the scene; then it is hidden too */
-    bool *object_dynamic;               /* one per object: it may move, though no channel moves it */
+    bool *object_dynamic;               /* one per object: it may move without an animation channel */
     struct lw_light_state *light;       /* one per light */
     struct lw_material_state *material; /* one per material */
     float sky[3];                       /* W/(m^2 sr) */

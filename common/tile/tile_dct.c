@@ -26,8 +26,8 @@
 #define KEPT_MAX             LW_TILE_RANS_COEFFICIENT_MAX
 #define PLANES               LW_TILE_CHANNEL_PLANES_MAX
 #define MEANS_BOUND          (PLANES * BLOCK_TEXELS * 33 / 8 + 3 * 4 + 8)
-#define NEAR_SCALE           2.0f /* a history serves as long as its scale */
-#define NEAR_Q               6u   /* and step are so near what the tile wants by itself */
+#define NEAR_SCALE           2.0f /* largest ratio of scales of a tile and of its history */
+#define NEAR_Q               6u   /* largest difference of their steps, in q */
 
 /* The mean of a tile in units of its scale, about. Values below one scale are coded by their difference, not
  * by their ratio. */
@@ -826,7 +826,7 @@ static bool encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source *sou
     return kept_mean;
 }
 
-/* Whether a tile of this scale and step may go on with those of its history: then they are its own. */
+/* True: a tile of this scale and step takes those of its history. */
 static bool continues_history(const struct lw_tile_dct_history *history, float scale, uint32_t q) {
     return history && history->scale >= scale / NEAR_SCALE && history->scale <= scale * NEAR_SCALE &&
            history->q + NEAR_Q >= q && history->q <= q + NEAR_Q;

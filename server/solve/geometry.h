@@ -68,8 +68,8 @@ void lw_geometry_finish(struct lw_geometry *geometry);
 LW_MUST_CHECK enum lw_status lw_geometry_set_pose(struct lw_geometry *geometry, const struct lw_pose *pose,
                                                   bool later, uint64_t frame, struct lw_error *err);
 
-/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above. A frame
- * that it is at already costs nothing. */
+/** Goes on to a frame: objects that have been at rest for long enough stand from now on, as above. A second
+ * call for the same frame does nothing. */
 LW_MUST_CHECK enum lw_status lw_geometry_rest(struct lw_geometry *geometry, uint64_t frame,
                                               struct lw_error *err);
 

@@ -31,7 +31,7 @@ struct reader {
 
 static uint8_t byte(struct reader *r) { return r->at < r->size ? r->bytes[r->at++] : 0; }
 
-/* Whether its update ends with it. */
+/* Reads a change. True: it is the last one of its update. */
 static bool read_change(struct reader *r, struct lw_scene_change *out) {
     static const float identity[LW_SCENE_CHANGE_VALUES_MAX] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     *out = (struct lw_scene_change){.kind = byte(r), .target = byte(r)};

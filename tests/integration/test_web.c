@@ -863,7 +863,7 @@ static void test_connections_have_a_limit(void **state) {
     stop();
 }
 
-/* At the limit all are answered; one past it the answer comes late and is the last. */
+/* The server answers all requests up to the limit. One more gets the last answer, late. */
 static void test_requests_without_end(void **state) {
     (void)state;
     serve_root("");

@@ -44,7 +44,7 @@ static void test_furnace(void **state) {
 }
 
 /* Two rooms of 2 x 2 x 2 m beside each other, apart by a wall of `thick` metres with faces of its own. One
- * has a lamp. The other is dark: all light there has come through the wall. */
+ * has a lamp. Light in the other one has leaked through the wall. */
 static void solve_two_rooms(struct room_solution *solution, float thick, struct lw_solver_desc desc,
                             unsigned frames) {
     const struct lw_vec3 x = lw_vec3(2, 0, 0), y = lw_vec3(0, 2, 0), z = lw_vec3(0, 0, 2);

@@ -82,7 +82,7 @@ static void spread_parts_users(void **state) {
                         *over_all = views_of(&p, (enum lw_views_kind)kind, 8, 1);
         assert_true(widest(together, 8) < 0.5f * widest(over_all, 8));
         assert_true(widest(together, 8) > 0);
-        /* the first few are as far apart as all */
+        /* the first four are spread almost as far as all eight */
         assert_true(widest(over_all, 4) > 0.4f * widest(over_all, 8));
         lw_views_destroy(over_all);
         lw_views_destroy(together);

@@ -1,5 +1,4 @@
-/* antialias.h: a pixel is its square: more samples of a composed picture, of every pixel or where it has
- * edges.
+/* antialias.h: averages several samples over each pixel's square, for all pixels or at edges alone.
  * Flow:    compose -> [antialias] -> linear radiance, box-filtered
  * Threads: one thread at a time per lw_antialias; works on several inside. Same inputs, same bytes, at any
  * number.

@@ -149,8 +149,8 @@ void lw_session_count_one(const struct lw_session *s, int64_t change);
 void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message);
 /** The next of these; NULL: there is none. The caller has it then. */
 struct lw_blob *lw_session_take_answer(struct lw_session *s);
-/** There is no memory for what a session must have: it says and takes nothing more, and is closed at its next
- * turn. Not at once: who calls still works with it, and its link may free it as it is closed. */
+/** There is no memory for what a session must have. It stops reading and writing, and the loop closes it at
+ * its next turn: callers still use it, and its link may free it when it is closed. */
 void lw_session_lacks_memory(struct lw_session *s);
 /** Closes it then, with a line. */
 void lw_session_close_lacking(struct lw_session *s);

@@ -1,4 +1,4 @@
-/* correct.h: one tile's comparison with what its light is now, and its correction.
+/* correct.h: compares the stored light of a tile with its current light, and corrects it.
  * Flow:    lists of the plan -> [correct] -> blocks corrected and invalidated; findings -> next plan
  * Threads: each call works on one tile. [any worker] */
 #ifndef LW_ADAPT_CORRECT_H

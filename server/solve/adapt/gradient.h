@@ -67,8 +67,8 @@ static inline uint64_t lw_gradient_work_all(const struct lw_solve_block *block) 
 bool lw_gradient_choose_all(struct lw_solve_block *block, uint32_t moves);
 
 /** After lw_verify_compare() of the chosen packets: chooses more packets to verify, before
- * lw_gradient_invalidate(). It chooses all, if the first ones found so much that the block may have to be
- * invalidated, but not so much that it must. Under a budget none at an onset, where one packet is enough.
+ * lw_gradient_invalidate(). It chooses all packets if the change is near the limit of
+ * invalidation. Under a budget none at an onset, where one packet is enough.
  * Returns whether there are any. */
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error,
                              const struct lw_budget *budget);

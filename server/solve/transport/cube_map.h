@@ -13,8 +13,8 @@
 
 #define LW_CUBE_MAP_FACES 6u
 
-/* Where a direction meets the cube: in the unit square of the face of axis face / 2, its negative side where
- * face is odd. */
+/* The point where a direction meets the cube. Face 2a is on the positive side of axis a, face 2a + 1 on the
+ * negative one. u, v: the position in the face, 0 to 1. */
 struct lw_cube_map_place {
     uint32_t face;
     float u, v;
