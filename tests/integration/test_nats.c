@@ -390,6 +390,33 @@ static void a_full_jetstream_is_told(void **state) {
     change(&hide_5);
 }
 
+/* ---- the tree ---- */
+
+/* The daemon lists relays that take light from NATS, and relays below them. Nobody says that one died: after
+ * a silence it is gone, and so is the relay below it. */
+static void relays_report_through_nats(void **state) {
+    (void)state;
+    char upstream[64];
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    for (int i = 0; i < 2; i++) lw_relays_start(&relay[i], address("room"), "");
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
+    lw_relays_start(&relay[2], upstream, "");
+    lw_relays_join(0, relay[2].port);
+    lw_relays_join(1, relay[2].port);
+    lw_relays_await_in_tree(&server, 2, "127.0.0.1", relay[0].port, 0);
+    lw_relays_await_in_tree(&server, 2, "127.0.0.1", relay[1].port, 0);
+    lw_relays_await_in_tree(&server, 4, "127.0.0.1", relay[2].port, 2);
+    for (int i = 0; i < 2; i++) {
+        lw_client_destroy(lw_relays_client[i]);
+        lw_relays_client[i] = NULL;
+    }
+    kill_it(&relay[0]);
+    lw_relays_await_not_in_tree(&server, "127.0.0.1", relay[0].port);
+    lw_relays_await_not_in_tree(&server, "127.0.0.1", relay[2].port);
+    lw_relays_await_in_tree(&server, 2, "127.0.0.1", relay[1].port, 0);
+}
+
 /* ---- anybody ---- */
 
 static int stranger;
@@ -498,7 +525,7 @@ static void bytes_of_anybody_harm_nothing(void **state) {
         "want",           "sync",         "who",          "live.0.frame",
         "live.0.0.0",     "live.0.1.0",   "live.1.0.0",   "live.0.4000000000.9",
         "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame", "live.2.0.0",
-        "fine.0.0.65",    "fine.2.0.66",  "kept.2.0.0.0"};
+        "fine.0.0.65",    "fine.2.0.66",  "kept.2.0.0.0", "report"};
     start_nats(true, 0);
     serve(LW_RELAYS_CORNELL);
     lw_relays_start(&relay[0], address("room"), "");
@@ -589,6 +616,7 @@ int main(void) {
         cmocka_unit_test_teardown(light_goes_on_while_an_update_waits, end_all),
         cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(interest_goes_up, end_all),
+        cmocka_unit_test_teardown(relays_report_through_nats, end_all),
         cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
         cmocka_unit_test_teardown(a_full_jetstream_is_told, end_all),
         cmocka_unit_test_teardown(bytes_of_anybody_harm_nothing, end_all),
