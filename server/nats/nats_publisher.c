@@ -678,12 +678,21 @@ static enum lw_status take_report(struct lw_nats_publisher *p, struct lw_nats_wi
 
 /* ---- another lightwelld ---- */
 
-/* If two began at once, one goes on. */
+/* If two began at once, one goes on. The other has emptied the stream, perhaps, and put its own welcome
+ * there: all is announced again once it is silent. Its last word is an `alive`, so that it is heard. */
 static void hear_other(struct lw_nats_publisher *p, uint64_t run) {
-    if (run == p->run || run > p->run || p->stands_down) return;
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (run == p->run || p->stands_down) return;
+    if (run > p->run) {
+        p->is_announced = false;
+        p->retry_ns = lw_clock_ns() + 2 * LW_NATS_WIRE_ALIVE_MS * MS_NS;
+        return;
+    }
     lw_log(LW_LOG_ERROR,
            "%s: another lightwelld publishes there: this one does no longer; give it another name",
            p->address.name);
+    lw_nats_wire_subject(subject, p->address.scene, "alive");
+    publish_to(p, subject, NULL);
     p->stands_down = true;
     for (uint32_t i = 0; i < p->want_count; i++) free_wanted(&p->want[i]);
     p->want_count = 0;
