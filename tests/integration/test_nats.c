@@ -88,13 +88,15 @@ static void each_part_dies_in_turn(void **state) {
     for (int i = 0; i < RELAYS; i++)
         lw_relays_join_with(1 + i, relay[i].port, (struct lw_client_desc){.control = true});
     lw_relays_rest(&server);
-    /* a relay, and another one at its port, which finds all in NATS */
-    const uint64_t tiles = lw_relays_stats(1).tiles;
-    kill_it(&relay[0]);
-    lw_relays_start(&relay[0], address("room"), "");
-    lw_relays_reconnect(1);
-    lw_relays_expect_same();
-    assert_int_equal(lw_relays_stats(1).tiles, tiles);
+    /* each relay, and another one at its port, which finds all in NATS */
+    for (int i = 0; i < RELAYS; i++) {
+        const uint64_t tiles = lw_relays_stats(1 + i).tiles;
+        kill_it(&relay[i]);
+        lw_relays_start(&relay[i], address("room"), "");
+        lw_relays_reconnect(1 + i);
+        lw_relays_expect_same();
+        assert_int_equal(lw_relays_stats(1 + i).tiles, tiles);
+    }
     change(&hide_5);
     lw_relays_update(1, &show_5, &answer); /* NATS carries none */
     assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
