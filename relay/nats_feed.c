@@ -828,12 +828,23 @@ static enum lw_status take_request(struct lw_nats_feed *feed, const struct lw_me
     return send_package(feed, &package, &m->package_request, "package", LW_MESSAGE_PACKAGE_CHUNK);
 }
 
+/* As it came: lightwelld checks it. One that is lost is followed by another. */
+static void forward_report(struct lw_nats_feed *feed, struct lw_framing_header header, const uint8_t *body) {
+    uint8_t *bytes = malloc(LW_FRAMING_HEADER_SIZE + (size_t)header.body_size);
+    if (!bytes) return;
+    lw_framing_write_header(bytes, header);
+    memcpy(bytes + LW_FRAMING_HEADER_SIZE, body, header.body_size);
+    publish(feed, "report", NULL, bytes, LW_FRAMING_HEADER_SIZE + (size_t)header.body_size);
+    free(bytes);
+}
+
 static enum lw_status handle(struct lw_nats_feed *feed, struct lw_framing_header header,
                              const uint8_t *body) {
     struct lw_message m;
     enum lw_status status = lw_message_decode(header, body, &m, NULL);
     if (status != LW_OK) return status;
-    if (!feed->is_alive && m.type != LW_MESSAGE_PING) feed->heard_ns = lw_clock_ns();
+    const bool is_regular = m.type == LW_MESSAGE_PING || m.type == LW_MESSAGE_REPORT;
+    if (!feed->is_alive && !is_regular) feed->heard_ns = lw_clock_ns();
     if (m.type == LW_MESSAGE_HELLO)
         status = take_hello(feed, &m.hello);
     else if (m.type == LW_MESSAGE_INTEREST)
@@ -842,6 +853,8 @@ static enum lw_status handle(struct lw_nats_feed *feed, struct lw_framing_header
         status = take_holds(feed, &m.holds);
     else if (m.type == LW_MESSAGE_PACKAGE_REQUEST || m.type == LW_MESSAGE_FINISH_REQUEST)
         status = take_request(feed, &m);
+    else if (m.type == LW_MESSAGE_REPORT)
+        forward_report(feed, header, body);
     else if (m.type == LW_MESSAGE_PING)
         status =
             send_message(feed, &(struct lw_message){.type = LW_MESSAGE_PONG, .pong.token = m.ping.token});

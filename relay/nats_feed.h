@@ -1,7 +1,7 @@
 /* nats_feed.h: light from NATS as a server tells it: a thread at the far end of a socket pair, which speaks
  * the protocol's server side.
  * Flow:    NATS -> [feed] -> socket -> relay_upstream
- *          INTEREST, HOLDS -> socket -> [feed] -> subscriptions, requests -> NATS -> lightwelld
+ *          INTEREST, HOLDS, REPORT -> socket -> [feed] -> subscriptions, requests -> NATS -> lightwelld
  * Threads: a thread of its own; these functions are for the session's thread, one at a time.
  *
  * The session takes and checks its bytes as those of any server. The feed gives what the protocol allows: no

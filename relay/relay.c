@@ -210,8 +210,11 @@ static bool begin_run(struct lw_relay *r, const struct lw_relay_upstream *up) {
     const uint64_t above_run = lw_relay_upstream_told(up)->run, run = join_runs(r->run, above_run);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) close_upstream(r, &r->feed[c]);
     if (!lw_relay_light_begin_run(r->scene.light, run)) return false;
-    lw_log(LW_LOG_INFO, "%s lights the same scene in another run: clients go on with it",
-           lw_relay_upstream_address(up));
+    lw_log(
+        LW_LOG_INFO,
+        "%s lights the same scene in another run: clients go on with it; it starts without the changes that "
+        "clients made before",
+        lw_relay_upstream_address(up));
     r->above_run = above_run;
     set_run(r, run);
     return true;
@@ -225,7 +228,7 @@ static void follow_runs(struct lw_relay *r) {
         r->feed_run[c] = run;
         if (run == r->above_run) continue; /* another session named it first */
         r->above_run = run;
-        if (lw_relay_light_counts_on(r->scene.light)) continue;
+        if (lw_relay_light_ahead(r->scene.light)) continue;
         lw_relay_light_set_run(r->scene.light, run);
         set_run(r, run);
     }
@@ -370,20 +373,19 @@ static struct lw_relay_address where_updates_go(void *context) {
     return address;
 }
 
-static bool is_of_run(void *context, uint64_t run) {
+static bool is_of_run(void *context, uint64_t run, uint64_t *out_ahead) {
     struct lw_relay *r = context;
     pthread_mutex_lock(&r->mutex);
     const bool is = r->has_scene && r->above_run == run;
+    *out_ahead = r->has_scene ? lw_relay_light_ahead(r->scene.light) : 0;
     pthread_mutex_unlock(&r->mutex);
     return is;
 }
 
-static uint64_t frame_for_clients(void *context, uint64_t frame) {
-    struct lw_relay *r = context;
-    pthread_mutex_lock(&r->mutex);
-    const uint64_t counted = r->has_scene ? lw_relay_light_frame_for_clients(r->scene.light, frame) : frame;
-    pthread_mutex_unlock(&r->mutex);
-    return counted;
+static uint64_t ahead(void *context) {
+    uint64_t ahead;
+    (void)is_of_run(context, 0, &ahead);
+    return ahead;
 }
 
 /* ---- light ---- */
@@ -599,14 +601,12 @@ enum lw_status lw_relay_create(const struct lw_relay_desc *desc, struct lw_relay
         free_relay(r);
         return status;
     }
-    const struct lw_relay_updates_desc updates = {.light = {.context = r,
-                                                            .where = where_updates_go,
-                                                            .is_of_run = is_of_run,
-                                                            .frame_for_clients = frame_for_clients},
-                                                  .access = desc->access,
-                                                  .trust = r->trust,
-                                                  .timeout_ms = r->timeout_ms,
-                                                  .relay = r->number};
+    const struct lw_relay_updates_desc updates = {
+        .light = {.context = r, .where = where_updates_go, .is_of_run = is_of_run, .ahead = ahead},
+        .access = desc->access,
+        .trust = r->trust,
+        .timeout_ms = r->timeout_ms,
+        .relay = r->number};
     if ((status = lw_relay_updates_create(&updates, &r->updates, err)) == LW_OK)
         *out_relay = r;
     else

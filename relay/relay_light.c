@@ -6,6 +6,7 @@
 #include "common/tile/tile_codec.h"
 #include "relay/relay_fine.h"
 #include "server/publish/frame_message.h"
+#include "server/serve/sessions/passed_updates.h"
 #include "server/serve/tiles/transcoder.h"
 
 #include <inttypes.h>
@@ -14,7 +15,7 @@
 
 #define SCALE_MAX 0x1p60f /* for codec 4 */
 /* Frames between the beginnings of runs that are joined: no run comes to the frames of the next. */
-#define RUN_FRAMES (UINT64_C(1) << 32)
+#define RUN_FRAMES LW_PASSED_UPDATES_RUN_FRAMES
 #define FRAME_MAX  (UINT64_MAX / 4) /* versions are twice as large */
 
 struct tile {
@@ -268,10 +269,14 @@ bool lw_relay_light_begin_run(struct lw_relay_light *light, uint64_t run) {
 
 void lw_relay_light_set_run(struct lw_relay_light *light, uint64_t run) { light->run = run; }
 uint64_t lw_relay_light_run(const struct lw_relay_light *light) { return light->run; }
-bool lw_relay_light_counts_on(const struct lw_relay_light *light) { return light->before > 0; }
+uint64_t lw_relay_light_ahead(const struct lw_relay_light *light) { return light->before; }
+
+uint64_t lw_relay_light_count(uint64_t frame, uint64_t ahead) {
+    return frame && frame <= FRAME_MAX ? frame + ahead : frame;
+}
 
 uint64_t lw_relay_light_frame_for_clients(const struct lw_relay_light *light, uint64_t frame) {
-    return frame && frame <= FRAME_MAX ? frame + light->before : frame;
+    return lw_relay_light_count(frame, light->before);
 }
 
 /* Servers leave out directions of objects that look the same without them: no tile of them is waited for. */

@@ -47,8 +47,10 @@ LW_MUST_CHECK bool lw_relay_light_begin_run(struct lw_relay_light *light, uint64
 void lw_relay_light_set_run(struct lw_relay_light *light, uint64_t run);
 /** The run that snapshots tell; 0: none. */
 uint64_t lw_relay_light_run(const struct lw_relay_light *light);
-/** Whether runs have been joined: clients' numbers differ from those of the server above. */
-bool lw_relay_light_counts_on(const struct lw_relay_light *light);
+/** By how much clients' numbers of frames are ahead of those of the server above; 0: no runs were joined. */
+uint64_t lw_relay_light_ahead(const struct lw_relay_light *light);
+/** A frame of a server above, as clients count that are ahead by so much; 0 stays 0. */
+uint64_t lw_relay_light_count(uint64_t frame, uint64_t ahead);
 /** A frame of the server above, as clients count; 0 stays 0. */
 uint64_t lw_relay_light_frame_for_clients(const struct lw_relay_light *light, uint64_t frame);
 

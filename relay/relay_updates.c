@@ -25,6 +25,7 @@ struct control {
     bool is_used, has_token;
     struct lw_token token;
     struct lw_relay_upstream *up; /* NULL: not connected */
+    uint64_t ahead;               /* clients count the server's frames so */
     uint64_t retry_ns, used_ns;
     struct lw_passed_update *waiting; /* not sent yet */
     size_t waiting_count, waiting_capacity;
@@ -56,17 +57,23 @@ static void answer_busy(struct lw_relay_updates *u, uint64_t number, const char 
 }
 
 /* The server may have made the changes that were sent to it. It has made none of those that wait. */
-static void end_control(struct control *c, const char *why) {
+static void end_session(struct control *c) {
     struct lw_relay_updates *u = c->updates;
     for (size_t i = 0; i < c->sent_count; i++)
         if (u->server) lw_server_lose_passed(u->server, c->sent[i]);
+    c->sent_count = 0;
+    lw_relay_upstream_destroy(c->up);
+    c->up = NULL;
+}
+
+static void end_control(struct control *c, const char *why) {
+    struct lw_relay_updates *u = c->updates;
+    end_session(c);
     for (size_t i = 0; i < c->waiting_count; i++) {
         answer_busy(u, c->waiting[i].number, why);
         free(c->waiting[i].change);
     }
-    c->sent_count = c->waiting_count = 0;
-    lw_relay_upstream_destroy(c->up);
-    c->up = NULL;
+    c->waiting_count = 0;
 }
 
 static void free_control(struct control *c) {
@@ -84,7 +91,7 @@ static void on_answered(void *context, const struct lw_message_updated *updated)
         if (c->sent[i] != updated->request) continue;
         memmove(c->sent + i, c->sent + i + 1, (--c->sent_count - i) * sizeof *c->sent);
         if (!u->server) return;
-        answer.frame = u->light.frame_for_clients(u->light.context, updated->frame);
+        answer.frame = lw_relay_light_count(updated->frame, c->ahead);
         if (!lw_server_answer_passed(u->server, updated->request, &answer))
             lw_server_lose_passed(u->server, updated->request);
         return;
@@ -153,7 +160,7 @@ static void connect_control(struct lw_relay_updates *u, struct control *c) {
     const enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
     pthread_mutex_lock(&u->mutex);
     c->up = up;
-    if (status == LW_OK && u->light.is_of_run(u->light.context, lw_relay_upstream_told(up)->run)) {
+    if (status == LW_OK && u->light.is_of_run(u->light.context, lw_relay_upstream_told(up)->run, &c->ahead)) {
         lw_relay_upstream_set_answered(up, on_answered, c);
         return;
     }
@@ -187,6 +194,7 @@ static void serve_control(struct lw_relay_updates *u, struct control *c) {
     const uint64_t now_ns = lw_clock_ns();
     if (!c->is_used) return;
     if (c->waiting_count || c->sent_count) c->used_ns = now_ns;
+    if (c->up && c->ahead != u->light.ahead(u->light.context)) end_session(c); /* light is of another run */
     if (!c->up && c->waiting_count && now_ns < c->retry_ns) {
         end_control(c, "nothing was changed: there is no server above now");
         return;

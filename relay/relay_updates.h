@@ -17,10 +17,10 @@ struct lw_relay_updates_light {
     void *context;
     /** Where updates go now. */
     struct lw_relay_address (*where)(void *context);
-    /** Whether the clients' light is of that run of the server above. */
-    bool (*is_of_run)(void *context, uint64_t run);
-    /** The clients' number of a frame of the server above. */
-    uint64_t (*frame_for_clients)(void *context, uint64_t frame);
+    /** Whether the clients' light is of that run of the server above. *out_ahead: as ahead(). */
+    bool (*is_of_run)(void *context, uint64_t run, uint64_t *out_ahead);
+    /** By how much clients' numbers of frames are ahead of the server's. Another number: another run. */
+    uint64_t (*ahead)(void *context);
 };
 
 struct lw_relay_updates_desc {

@@ -194,6 +194,12 @@ static void on_relays_want(void *context, const struct lw_nats_publisher_wants *
         lw_log(LW_LOG_WARNING, "out of memory for what relays want: they get what was wanted before");
 }
 
+/* In the publisher's thread. */
+static void on_relays_report(void *context, const struct lw_relay_tree_node *node, uint32_t count) {
+    const struct lw_daemon *d = context;
+    lw_server_set_relays_outside(d->server, node, count);
+}
+
 /* follows: a server before it has served: then a failure ends nothing. */
 static enum lw_status join_nats(struct lw_daemon *d, bool follows, struct lw_error *err) {
     const struct lw_daemon_settings *s = &d->settings;
@@ -216,6 +222,7 @@ static enum lw_status join_nats(struct lw_daemon *d, bool follows, struct lw_err
                                          .finish_chunk = scene.finish_chunk,
                                          .finish_chunk_count = scene.finish_chunk_count,
                                          .wants = on_relays_want,
+                                         .reports = on_relays_report,
                                          .context = d},
         &d->nats, &cause);
     lw_server_scene_finish(&scene);

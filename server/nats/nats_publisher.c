@@ -7,6 +7,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/nats/fine_index.h"
 #include "server/nats/fine_wishes.h"
+#include "server/nats/relay_reports.h"
 
 #include <assert.h>
 #include <poll.h>
@@ -56,6 +57,7 @@ struct lw_nats_publisher {
     struct lw_blob *welcome, **chunk, **finish_chunk;
     uint32_t chunk_count, finish_chunk_count;
     void (*wants)(void *context, const struct lw_nats_publisher_wants *wants);
+    void (*reports)(void *context, const struct lw_relay_tree_node *node, uint32_t count);
     void *context;
     struct lw_nats_link *link;
     pthread_t thread;
@@ -75,7 +77,7 @@ struct lw_nats_publisher {
 
     /* The thread's. */
     jsCtx *jetstream;
-    natsSubscription *subscription[4];
+    natsSubscription *subscription[5];
     uint32_t epoch;
     struct form form[FORMS];
     struct channel channel[LW_TILE_CHANNELS_MAX];
@@ -92,6 +94,8 @@ struct lw_nats_publisher {
     uint64_t *bits; /* one for each tile of no finer level */
     struct lw_fine_wishes wishes;
     uint64_t fine[LW_NATS_PUBLISHER_FINE_MAX]; /* the names that it gave last */
+    struct lw_relay_reports relay_reports;
+    struct lw_relay_tree_node tree[LW_RELAY_TREE_MAX];
 };
 
 /* ---- channels ---- */
@@ -650,17 +654,52 @@ static void tell_wants(struct lw_nats_publisher *p) {
     free(tile);
 }
 
-/* If two began at once, one goes on. */
+/* ---- reports ---- */
+
+static void tell_reports(struct lw_nats_publisher *p) {
+    const uint32_t count = lw_relay_reports_list(&p->relay_reports, p->tree);
+    if (p->reports) p->reports(p->context, p->tree, count);
+}
+
+static enum lw_status take_report(struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader) {
+    struct lw_message message;
+    const uint8_t *raw;
+    size_t size;
+    enum lw_status status = lw_nats_wire_read(reader, &message, &raw, &size);
+    if (status != LW_OK || !raw) return status == LW_OK ? LW_PROTOCOL : status;
+    const struct lw_message_report *report = &message.report;
+    status = message.type == LW_MESSAGE_REPORT && !reader->left && !report->request && !report->code
+                 ? lw_relay_reports_take(&p->relay_reports, report->data, report->size, lw_clock_ns())
+                 : LW_PROTOCOL;
+    lw_message_finish(&message);
+    if (status == LW_OK) tell_reports(p);
+    return status;
+}
+
+/* ---- another lightwelld ---- */
+
+/* If two began at once, one goes on. The other has emptied the stream, perhaps, and put its own welcome
+ * there: all is announced again once it is silent. Its last word is an `alive`, so that it is heard. */
 static void hear_other(struct lw_nats_publisher *p, uint64_t run) {
-    if (run == p->run || run > p->run || p->stands_down) return;
+    char subject[LW_NATS_WIRE_SUBJECT_SIZE];
+    if (run == p->run || p->stands_down) return;
+    if (run > p->run) {
+        p->is_announced = false;
+        p->retry_ns = lw_clock_ns() + 2 * LW_NATS_WIRE_ALIVE_MS * MS_NS;
+        return;
+    }
     lw_log(LW_LOG_ERROR,
            "%s: another lightwelld publishes there: this one does no longer; give it another name",
            p->address.name);
+    lw_nats_wire_subject(subject, p->address.scene, "alive");
+    publish_to(p, subject, NULL);
     p->stands_down = true;
     for (uint32_t i = 0; i < p->want_count; i++) free_wanted(&p->want[i]);
     p->want_count = 0;
     p->wants_changed = true;
     tell_wants(p);
+    lw_relay_reports_finish(&p->relay_reports);
+    tell_reports(p);
     pthread_mutex_lock(&p->mutex);
     p->stats.is_stood_down = true;
     pthread_mutex_unlock(&p->mutex);
@@ -686,6 +725,7 @@ static void take_message(struct lw_nats_publisher *p, natsMsg *message) {
         publish_to(p, reply ? reply : subject, NULL);
     else if (status == LW_OK && !p->stands_down && prefix.run == p->run) { /* for the current run */
         if (is_about(p, subject, "want")) status = take_want(p, &reader);
+        if (is_about(p, subject, "report")) status = take_report(p, &reader);
         if (is_about(p, subject, "sync")) status = reply ? answer_sync(p, &reader, reply) : LW_PROTOCOL;
     }
     pthread_mutex_lock(&p->mutex);
@@ -751,6 +791,7 @@ static void *run(void *context) {
         take_events(p);
         const uint64_t now_ns = lw_clock_ns();
         forget_silent(p, now_ns);
+        if (lw_relay_reports_forget_silent(&p->relay_reports, now_ns)) tell_reports(p);
         tell_wants(p);
         take_snapshot(p);
         if (!p->stands_down && lw_nats_link_is_connected(p->link)) {
@@ -797,8 +838,8 @@ static enum lw_status look_for_other(struct lw_nats_publisher *p, struct lw_erro
                           p->address.name);
 }
 
-static enum lw_status listen(struct lw_nats_publisher *p, struct lw_error *err) {
-    static const char *const what[] = {"who", "alive", "want", "sync"};
+static enum lw_status subscribe(struct lw_nats_publisher *p, struct lw_error *err) {
+    static const char *const what[] = {"who", "alive", "want", "sync", "report"};
     static_assert(sizeof what / sizeof *what == sizeof p->subscription / sizeof *p->subscription, "one each");
     for (size_t i = 0; i < sizeof what / sizeof *what; i++) {
         char subject[LW_NATS_WIRE_SUBJECT_SIZE];
@@ -851,6 +892,7 @@ enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *des
     p->served = desc->channels;
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) lw_fine_index_init(&p->channel[c].fine, p->map);
     p->wants = desc->wants;
+    p->reports = desc->reports;
     p->context = desc->context;
     p->stats.is_connected = true;
     pthread_mutex_init(&p->mutex, NULL); /* glibc's cannot fail */
@@ -868,7 +910,7 @@ enum lw_status lw_nats_publisher_create(const struct lw_nats_publisher_desc *des
             &p->link, err);
     if (status == LW_OK) lw_nats_link_own(p->link, p->acks);
     if (status == LW_OK) status = look_for_other(p, err);
-    if (status == LW_OK) status = listen(p, err);
+    if (status == LW_OK) status = subscribe(p, err);
     if (status == LW_OK) status = open_jetstream(p, err);
     if (status == LW_OK) status = announce(p, err);
     if (status == LW_OK) {
@@ -902,6 +944,7 @@ void lw_nats_publisher_destroy(struct lw_nats_publisher *p) {
     lw_nats_link_destroy(p->link);
     for (uint32_t i = 0; i < p->want_count; i++) free_wanted(&p->want[i]);
     lw_fine_wishes_finish(&p->wishes);
+    lw_relay_reports_finish(&p->relay_reports);
     for (uint32_t f = 0; f < FORMS; f++) lw_snapshot_unref(p->form[f].now);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
         lw_fine_index_finish(&p->channel[c].fine);

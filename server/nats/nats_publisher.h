@@ -2,6 +2,7 @@
  * tile and the packages in JetStream. Takes the interest of relays.
  * Flow:    snapshots -> [publisher] -> NATS -> relays (relay/nats_feed.h)
  *          relays -> NATS -> [publisher: union] -> wants()
+ *          reports of relays -> NATS -> [publisher] -> reports()
  * Threads: a thread of its own, which alone waits for NATS. lw_nats_publisher_publish() and
  *          lw_nats_publisher_get_stats() are [any]; they wait for nothing.
  *
@@ -13,6 +14,7 @@
 #include "common/base/tls_trust_desc.h"
 #include "proto/nats_wire.h"
 #include "server/publish/snapshot.h"
+#include "server/serve/metrics/relay_tree.h"
 
 #define LW_NATS_PUBLISHER_KEEP_MS    5000u /* the newest whole of a tile that changes is kept so often */
 #define LW_NATS_PUBLISHER_RELAYS_MAX 256u  /* relays at a time; each form of light counts */
@@ -40,6 +42,9 @@ struct lw_nats_publisher_desc {
     uint32_t chunk_count, finish_chunk_count;
     /* Called in the publisher's thread when wants have changed; they are of that call. */
     void (*wants)(void *context, const struct lw_nats_publisher_wants *wants);
+    /* Called in the publisher's thread with all relays that report, and those below them; each once, at most
+     * LW_RELAY_TREE_MAX. They are of that call. NULL: nobody listens. */
+    void (*reports)(void *context, const struct lw_relay_tree_node *node, uint32_t count);
     void *context;
 };
 

@@ -579,7 +579,7 @@ enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_sc
     struct lw_message_welcome *w = &message.welcome;
     w->session = 1;
     w->servers = NULL; /* each has a list of its own */
-    w->features |= LW_FEATURE_RESUME | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
+    w->features |= LW_FEATURE_RESUME | LW_FEATURE_TREE | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
                    lw_tile_channels_features(shared->channels_served);
     w->finer = shared->atlas_map->finer_count;
     if (w->finer) w->features |= LW_FEATURE_FINER;

@@ -209,6 +209,10 @@ struct lw_server_outside {
  * Tiles of finer levels for which there is no id are left out. outside: copied.
  * Returns false where there is no memory: then it stays as it was. [any] */
 bool lw_server_set_outside(struct lw_server *server, const struct lw_server_outside *outside);
+/** Replaces the relays below that have no session here: they take light from NATS. Copied; count: at most
+ * LW_RELAY_TREE_MAX. [any] */
+void lw_server_set_relays_outside(struct lw_server *server, const struct lw_relay_tree_node *node,
+                                  uint32_t count);
 
 /** Asks the loop to refuse new sessions, say goodbye and return from lw_server_run(). [any], and from signal
  * handlers by way of the loop's own SIGINT/SIGTERM watchers, which lw_server_run() installs. */

@@ -174,6 +174,11 @@ uint32_t lw_server_get_relays_below(struct lw_server *server, struct lw_relay_tr
     return lw_relay_tree_get(&server->shared.tree, out_node, capacity);
 }
 
+void lw_server_set_relays_outside(struct lw_server *server, const struct lw_relay_tree_node *node,
+                                  uint32_t count) {
+    lw_relay_tree_set_outside(&server->shared.tree, node, count);
+}
+
 uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels_taken; }
 
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,

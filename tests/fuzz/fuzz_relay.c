@@ -2,13 +2,17 @@
  * byte that says what came before, then pieces: two bytes of length, and the server's bytes. Before may come
  * nothing, a welcome and the package of a small scene, or a welcome of a session that is resumed, in the same
  * run or in another. Clients list two tiles of a finer level. After each piece there may be a snapshot. A
- * snapshot must be light for a client, whatever the server says: a replica takes it in. */
+ * snapshot must be light for a client, whatever the server says: a replica takes it in.
+ *
+ * The fifth kind is a session for changes. Three updates of clients are sent up: each is answered or lost
+ * once, and an answer is a message for its client. */
 #include "tests/support/support.h"
 
 #include "client/lib/replica.h"
 #include "common/base/log.h"
 #include "common/scene/scene_spares.h"
 #include "relay/relay_upstream.h"
+#include "server/serve/sessions/passed_updates.h"
 
 #include <poll.h>
 #include <pthread.h>
@@ -26,6 +30,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size);
 #define FINER  1u /* levels that are finer than level 0 */
 #define LISTED 2u /* tiles of those that clients list */
 
+#define CONTROL 4u /* the kind of a session for changes */
+#define UPDATES 3u
+#define AHEAD   LW_PASSED_UPDATES_RUN_FRAMES /* the relay has joined two runs */
+
 static void require(bool condition) {
     if (!condition) abort();
 }
@@ -35,8 +43,8 @@ static void require(bool condition) {
 static struct {
     int listener, session;
     char path[100];
-    uint8_t *welcome, *chunk; /* messages */
-    size_t welcome_size, chunk_size;
+    uint8_t *welcome, *control, *chunk; /* messages: welcomes of a session for light, and for changes */
+    size_t welcome_size, control_size, chunk_size;
     uint8_t *package;
     size_t package_size;
     const uint8_t *first; /* what it says when the session begins */
@@ -70,6 +78,9 @@ static void make_scene(void) {
     const struct lw_message chunk = {.type = LW_MESSAGE_PACKAGE_CHUNK,
                                      .package_chunk = {0, compressed, size}};
     require(lw_message_encode_alloc(&welcome, &above.welcome, &above.welcome_size) == LW_OK);
+    welcome.welcome.features = LW_FEATURE_CONTROL;
+    welcome.welcome.finer = 0;
+    require(lw_message_encode_alloc(&welcome, &above.control, &above.control_size) == LW_OK);
     require(lw_message_encode_alloc(&chunk, &above.chunk, &above.chunk_size) == LW_OK);
     free(compressed);
 }
@@ -102,7 +113,8 @@ static void say(const uint8_t *bytes, size_t size) {
 static void *welcome(void *nothing) {
     above.session = accept(above.listener, NULL, NULL);
     say(above.first, above.first_size);
-    if (above.first != above.welcome) shutdown(above.session, SHUT_WR); /* nobody waits for more */
+    if (above.first != above.welcome && above.first != above.control)
+        shutdown(above.session, SHUT_WR); /* nobody waits for more */
     return nothing;
 }
 
@@ -116,7 +128,9 @@ static struct lw_relay_upstream *connect_relay(const uint8_t *first, size_t size
     snprintf(host, sizeof host, LW_ACCESS_UNIX "%s", above.path);
     require(pthread_create(&thread, NULL, welcome, NULL) == 0);
     const enum lw_status status = lw_relay_upstream_create(
-        &(struct lw_relay_upstream_desc){.host = host, .timeout_ms = 10000, .relay = 7}, &up, &err);
+        &(struct lw_relay_upstream_desc){
+            .host = host, .timeout_ms = 10000, .relay = 7, .control = first == above.control},
+        &up, &err);
     require(status == LW_OK || (!up && *err.text));
     pthread_join(thread, NULL);
     return up;
@@ -216,6 +230,77 @@ static void show(struct lw_relay_light *light, struct lw_replica *follower) {
     lw_snapshot_unref(s);
 }
 
+/* ---- updates ---- */
+
+static struct lw_passed_updates updates;
+
+static void on_answered(void *nothing, const struct lw_message_updated *updated) {
+    (void)nothing;
+    struct lw_message_updated answer = *updated;
+    answer.frame = lw_relay_light_count(updated->frame, AHEAD);
+    (void)lw_passed_updates_answer(&updates, updated->request, &answer);
+}
+
+/* What clients hear at a frame; the number of answers, and of updates that are lost. */
+static unsigned hear(uint64_t frame) {
+    struct lw_passed_updates_done done;
+    unsigned count = 0;
+    for (; lw_passed_updates_next(&updates, frame, &done); count++) {
+        uint8_t *bytes = NULL;
+        size_t size;
+        const struct lw_message message = {.type = LW_MESSAGE_UPDATED, .updated = done.answer};
+        if (!done.is_lost) {
+            require(done.answer.request < UPDATES && (done.answer.code || done.answer.frame <= frame));
+            require(lw_message_encode_alloc(&message, &bytes, &size) == LW_OK);
+        }
+        free(bytes);
+        free(done.storage);
+    }
+    return count;
+}
+
+static void send_updates(struct lw_relay_upstream *up, struct lw_session *client) {
+    struct lw_error err = {0};
+    for (uint64_t i = 0; i < UPDATES; i++) {
+        struct lw_scene_change change = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 1};
+        struct lw_passed_update update;
+        bool sent;
+        require(lw_passed_updates_add(&updates, client, NULL, &(struct lw_message_update){i, &change, 1}));
+        require(lw_passed_updates_take(&updates, &update));
+        require(lw_relay_upstream_update(up, update.number, update.change, update.change_count, &sent,
+                                         &err) == LW_OK &&
+                sent);
+        free(update.change);
+    }
+}
+
+static void change_scene(const uint8_t *bytes, size_t size) {
+    struct lw_error err = {0};
+    char client; /* a session is an address here */
+    unsigned heard = 0;
+    struct lw_relay_upstream *up = connect_relay(above.control, above.control_size);
+    require(up && lw_passed_updates_init(&updates) == LW_OK);
+    lw_relay_upstream_set_answered(up, on_answered, NULL);
+    send_updates(up, (struct lw_session *)(void *)&client);
+    for (size_t at = 0; up && size - at >= 2;) {
+        size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;
+        at += 2;
+        if (length > size - at) length = size - at;
+        say(bytes + at, length);
+        at += length;
+        if (lw_relay_upstream_take(up, &err) != LW_OK) {
+            require(*err.text);
+            hang_up(&up);
+        }
+        heard += hear(AHEAD + at);
+    }
+    if (up) hang_up(&up);
+    for (uint64_t number = 1; number <= UPDATES; number++) lw_passed_updates_lose(&updates, number);
+    heard += hear(UINT64_MAX);
+    require(heard == UPDATES);
+    lw_passed_updates_finish(&updates);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
     if (!above.package) {
         lw_log_init("fuzz_relay", LW_LOG_ERROR);
@@ -223,7 +308,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         listen_once();
     }
     if (!size) return 0;
-    const uint8_t kind = bytes[0] % 4;
+    const uint8_t kind = bytes[0] % 5;
+    if (kind == CONTROL) {
+        change_scene(bytes + 1, size - 1);
+        return 0;
+    }
     struct lw_error err = {0};
     struct lw_relay_scene scene = {0};
     struct lw_replica *follower = NULL;

@@ -170,13 +170,16 @@ async function run() {
     await until(`light of ${name}`, async () => (await ask(name, metrics[name], '/readyz')).status === 200);
   const texts = await Promise.all(watched.map((name) => ask(name, metrics[name], '/metrics')));
 
-  // the tree: the third relay below the first, which takes light from NATS
-  const third = inside ? 'relay-3:7780' : `127.0.0.1:${at['relay-3:7780']}`;
-  const tree = inside ? ['lightwellctl'] : [join(bin, 'lightwellctl'), `127.0.0.1:${at['relay-1:7780']}`];
+  // the tree at the daemon: two relays that take light from NATS, and the third below the first
+  const nameOf = (relay) => (inside ? `${relay}:7780` : `127.0.0.1:${at[`${relay}:7780`]}`);
+  const tree = inside ? ['lightwellctl'] : [join(bin, 'lightwellctl'), `127.0.0.1:${at['daemon:7780']}`];
   await until('the tree', async () => {
-    const [program, ...args] = within('relay-1', [...tree, 'tree']);
+    const [program, ...args] = within('daemon', [...tree, 'tree']);
     const { stdout } = await promisify(execFile)(program, args);
-    return stdout.includes(third);
+    const [first, second, third] = ['  relay-1', '  relay-2', '    relay-3'].map((line) =>
+      stdout.indexOf(`\n${line.replace(/relay.*/, nameOf)} `),
+    );
+    return first >= 0 && second >= 0 && third > first;
   });
   texts.push(await ask('relay-1', metrics['relay-1'], '/metrics'));
 

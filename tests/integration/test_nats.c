@@ -88,13 +88,15 @@ static void each_part_dies_in_turn(void **state) {
     for (int i = 0; i < RELAYS; i++)
         lw_relays_join_with(1 + i, relay[i].port, (struct lw_client_desc){.control = true});
     lw_relays_rest(&server);
-    /* a relay, and another one at its port, which finds all in NATS */
-    const uint64_t tiles = lw_relays_stats(1).tiles;
-    kill_it(&relay[0]);
-    lw_relays_start(&relay[0], address("room"), "");
-    lw_relays_reconnect(1);
-    lw_relays_expect_same();
-    assert_int_equal(lw_relays_stats(1).tiles, tiles);
+    /* each relay, and another one at its port, which finds all in NATS */
+    for (int i = 0; i < RELAYS; i++) {
+        const uint64_t tiles = lw_relays_stats(1 + i).tiles;
+        kill_it(&relay[i]);
+        lw_relays_start(&relay[i], address("room"), "");
+        lw_relays_reconnect(1 + i);
+        lw_relays_expect_same();
+        assert_int_equal(lw_relays_stats(1 + i).tiles, tiles);
+    }
     change(&hide_5);
     lw_relays_update(1, &show_5, &answer); /* NATS carries none */
     assert_int_equal(answer.code, LW_SCENE_CHANGE_BUSY);
@@ -390,6 +392,33 @@ static void a_full_jetstream_is_told(void **state) {
     change(&hide_5);
 }
 
+/* ---- the tree ---- */
+
+/* The daemon lists relays that take light from NATS, and relays below them. Nobody says that one died: after
+ * a silence it is gone, and so is the relay below it. */
+static void relays_report_through_nats(void **state) {
+    (void)state;
+    char upstream[64];
+    start_nats(true, 0);
+    serve(LW_RELAYS_CORNELL);
+    for (int i = 0; i < 2; i++) lw_relays_start(&relay[i], address("room"), "");
+    snprintf(upstream, sizeof upstream, "127.0.0.1:%u", relay[0].port);
+    lw_relays_start(&relay[2], upstream, "");
+    lw_relays_join(0, relay[2].port);
+    lw_relays_join(1, relay[2].port);
+    lw_relays_await_in_tree(&server, 2, "127.0.0.1", relay[0].port, 0);
+    lw_relays_await_in_tree(&server, 2, "127.0.0.1", relay[1].port, 0);
+    lw_relays_await_in_tree(&server, 4, "127.0.0.1", relay[2].port, 2);
+    for (int i = 0; i < 2; i++) {
+        lw_client_destroy(lw_relays_client[i]);
+        lw_relays_client[i] = NULL;
+    }
+    kill_it(&relay[0]);
+    lw_relays_await_not_in_tree(&server, "127.0.0.1", relay[0].port);
+    lw_relays_await_not_in_tree(&server, "127.0.0.1", relay[2].port);
+    lw_relays_await_in_tree(&server, 2, "127.0.0.1", relay[1].port, 0);
+}
+
 /* ---- anybody ---- */
 
 static int stranger;
@@ -498,7 +527,7 @@ static void bytes_of_anybody_harm_nothing(void **state) {
         "want",           "sync",         "who",          "live.0.frame",
         "live.0.0.0",     "live.0.1.0",   "live.1.0.0",   "live.0.4000000000.9",
         "live.0.frame.x", "kept.0.0.0.0", "kept.0.frame", "live.2.0.0",
-        "fine.0.0.65",    "fine.2.0.66",  "kept.2.0.0.0"};
+        "fine.0.0.65",    "fine.2.0.66",  "kept.2.0.0.0", "report"};
     start_nats(true, 0);
     serve(LW_RELAYS_CORNELL);
     lw_relays_start(&relay[0], address("room"), "");
@@ -589,6 +618,7 @@ int main(void) {
         cmocka_unit_test_teardown(light_goes_on_while_an_update_waits, end_all),
         cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(interest_goes_up, end_all),
+        cmocka_unit_test_teardown(relays_report_through_nats, end_all),
         cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
         cmocka_unit_test_teardown(a_full_jetstream_is_told, end_all),
         cmocka_unit_test_teardown(bytes_of_anybody_harm_nothing, end_all),

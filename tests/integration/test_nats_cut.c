@@ -7,12 +7,14 @@
 #include "common/base/clock.h"
 
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
 
 #define CUTS   3
 #define HEAL_S 20 /* a relay asks for all tiles every 30 s: light that comes by that comes later than this */
 
 static struct lw_nats_case nats;
-static struct lw_process server, relay;
+static struct lw_process server, relay, other;
 static struct lw_tcp_proxy *proxy;
 static uint64_t frame_due;
 
@@ -21,6 +23,8 @@ static int end_all(void **state) {
     lw_relays_end();
     lw_tcp_proxy_destroy(proxy);
     lw_nats_case_finish(&nats);
+    proxy = NULL;
+    server = relay = other = (struct lw_process){.port = 0};
     return 0;
 }
 
@@ -69,10 +73,53 @@ static void frames_of_a_short_cut_come_later(void **state) {
     }
 }
 
+static bool publishes(const struct lw_process *daemon) {
+    return lw_relays_figure(daemon, "lightwell_nats_connected") == 1;
+}
+static bool one_publishes(void) { return publishes(&server) != publishes(&other); }
+static bool relay_has_light(void) { return lw_relays_stats(1).frame >= frame_due && is_settled(1); }
+
+/* Two daemons publish under one name after a cut, which has kept them from hearing each other. Then one of
+ * them stands down. Relays have the light of the one that stays. Both daemons serve their own clients on. */
+static void one_of_two_daemons_stands_down(void **state) {
+    (void)state;
+    const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
+    struct lw_client_answer answer;
+    char arguments[300];
+    lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.host = NULL});
+    proxy = lw_tcp_proxy_create(nats.port);
+    snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --nats nats://127.0.0.1:%u/room",
+             lw_tcp_proxy_port(proxy));
+    lw_process_serve(&server, arguments);
+    lw_tcp_proxy_cut(proxy);
+    lw_process_await_text(&server, "is gone: its relays get no light");
+    snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --nats %s",
+             lw_nats_case_address(&nats, "room"));
+    lw_process_serve(&other, arguments);
+    lw_tcp_proxy_open(proxy);
+    lw_process_await_text(&server, "is there again");
+    lw_relays_wait(one_publishes);
+    const struct lw_process *stays = publishes(&server) ? &server : &other,
+                            *leaves = stays == &server ? &other : &server;
+    char *said = lw_process_err(leaves);
+    assert_non_null(strstr(said, "another lightwelld publishes there: this one does no longer"));
+    free(said);
+    lw_relays_start(&relay, lw_nats_case_address(&nats, "room"), "");
+    lw_relays_join(1, relay.port);
+    lw_relays_join_with(0, stays->port, (struct lw_client_desc){.control = true});
+    frame_due = lw_relays_update(0, &hide, &answer);
+    lw_relays_wait(relay_has_light);
+    lw_relays_expect_same();
+    lw_relays_join_with(2, leaves->port, (struct lw_client_desc){.control = true});
+    lw_relays_update(2, &hide, &answer);
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+}
+
 int main(void) {
     if (!lw_nats_case_is_possible()) return 0;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(frames_of_a_short_cut_come_later, end_all),
+        cmocka_unit_test_teardown(one_of_two_daemons_stands_down, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

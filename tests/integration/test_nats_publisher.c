@@ -40,6 +40,29 @@ static void on_wants(void *context, const struct lw_nats_publisher_wants *wants)
     pthread_mutex_unlock(&mutex);
 }
 
+static struct lw_relay_tree_node tree[LW_RELAY_TREE_MAX];
+static uint32_t tree_count;
+
+static void on_reports(void *context, const struct lw_relay_tree_node *node, uint32_t count) {
+    (void)context;
+    pthread_mutex_lock(&mutex);
+    memcpy(tree, node, count * sizeof *node);
+    tree_count = count;
+    pthread_mutex_unlock(&mutex);
+}
+
+/* The relay that the tree has at a place; 0: none. */
+static uint64_t listed(uint32_t at, uint64_t *out_above) {
+    pthread_mutex_lock(&mutex);
+    const struct lw_relay_tree_node node =
+        at < tree_count && at < LW_RELAY_TREE_MAX ? tree[at] : (struct lw_relay_tree_node){.relay = 0};
+    pthread_mutex_unlock(&mutex);
+    if (out_above) *out_above = node.above;
+    return node.relay;
+}
+
+static bool lists(uint32_t count) { return !listed(count, NULL) && (!count || listed(count - 1, NULL)); }
+
 static bool wants(uint32_t of, size_t count) {
     pthread_mutex_lock(&mutex);
     const bool is_so = channels == of && fine_count == count;
@@ -70,7 +93,8 @@ static int begin(void **state) {
                                                 .channels = FULL | DIRECTION,
                                                 .run = RUN,
                                                 .welcome = welcome,
-                                                .wants = on_wants};
+                                                .wants = on_wants,
+                                                .reports = on_reports};
     lw_support_ok(lw_nats_publisher_create(&desc, &publisher, &err), &err);
     assert_int_equal(natsConnection_ConnectTo(&connection, address.url), NATS_OK);
     live = subscribe("lightwell.room.live.0.frame");
@@ -267,11 +291,80 @@ static void directions_are_waited_for(void **state) {
     LW_SUPPORT_WAIT_UNTIL(wants(FULL, 0));
 }
 
+/* ---- reports ---- */
+
+static void report(const char *lines) {
+    say("report", "nobody", NULL, 0,
+        &(struct lw_message){.type = LW_MESSAGE_REPORT,
+                             .report = {.data = (const uint8_t *)lines, .size = strlen(lines)}});
+}
+
+static uint64_t refused_count(void) {
+    struct lw_nats_publisher_stats stats;
+    lw_nats_publisher_get_stats(publisher, &stats);
+    return stats.refused_messages;
+}
+
+/* Relays, and those below them. The newest report of a relay counts, and each relay is listed once. One that
+ * is silent is gone. */
+static void relays_are_listed_while_they_report(void **state) {
+    (void)state;
+    uint64_t above;
+    report("7 99 3 0 1000 first\n9 7 2 0 0 below\n");
+    LW_SUPPORT_WAIT_UNTIL(lists(2));
+    assert_int_equal(listed(0, &above), 7);
+    assert_int_equal(above, 0); /* the daemon feeds it */
+    assert_int_equal(listed(1, &above), 9);
+    assert_int_equal(above, 7);
+    report("9 0 2 0 0 moved\n"); /* it takes light from NATS itself now */
+    LW_SUPPORT_WAIT_UNTIL(listed(0, &above) == 9 && !above);
+    assert_true(lists(2));
+    report("7 0 3 0 0 first\n8 7 0 0 0 other\n");
+    LW_SUPPORT_WAIT_UNTIL(lists(3));
+    LW_SUPPORT_WAIT_UNTIL(lists(0)); /* after LW_NATS_WIRE_SILENCE_MS */
+}
+
+static void reports_that_make_no_sense_change_nothing(void **state) {
+    (void)state;
+    static const char *const bad[] = {
+        "", "x\n", "0 0 0 0 0 a\n", "7 0 0 0 0 a\n7", "7 0 0 0 0 a b\n", "7 0 -1 0 0 a\n"};
+    const size_t count = sizeof bad / sizeof *bad;
+    for (size_t i = 0; i < count; i++) report(bad[i]);
+    LW_SUPPORT_WAIT_UNTIL(refused_count() == count);
+    const struct lw_message other = {.type = LW_MESSAGE_SETTLED, .settled.frame = 1},
+                            asked = {.type = LW_MESSAGE_REPORT,
+                                     .report = {
+                                         .request = 1, .data = (const uint8_t *)"7 0 0 0 0 a\n", .size = 12}};
+    say("report", "nobody", NULL, 0, &other);
+    say("report", "nobody", NULL, 0, &asked);
+    say("report", "nobody", (const uint8_t *)"\xff\xff\xff", 3, &other);
+    LW_SUPPORT_WAIT_UNTIL(refused_count() == count + 3);
+    assert_true(lists(0));
+    report("7 0 3 0 0 first\n");
+    LW_SUPPORT_WAIT_UNTIL(lists(1));
+}
+
+/* There is a limited number of places. A relay that has one keeps it. */
+static void there_is_room_for_so_many_relays(void **state) {
+    (void)state;
+    char text[100];
+    for (unsigned i = 1; i <= LW_RELAY_TREE_MAX + 5; i++) {
+        snprintf(text, sizeof text, "%x 0 0 0 0 r\n", i);
+        report(text);
+    }
+    report("1 0 0 0 0 last\n7777 1 0 0 0 below\n"); /* for whom there is no room */
+    LW_SUPPORT_WAIT_UNTIL(listed(0, NULL) == 1);
+    assert_true(lists(LW_RELAY_TREE_MAX));
+}
+
 int main(void) {
     if (!lw_nats_case_is_possible()) return 0;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(finer_tiles_come_and_go, begin, end),
         cmocka_unit_test_setup_teardown(directions_are_waited_for, begin, end),
+        cmocka_unit_test_setup_teardown(relays_are_listed_while_they_report, begin, end),
+        cmocka_unit_test_setup_teardown(reports_that_make_no_sense_change_nothing, begin, end),
+        cmocka_unit_test_setup_teardown(there_is_room_for_so_many_relays, begin, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -20,7 +20,7 @@
 
 #define LOOK_AGAIN_MS 20 /* at what gives no event: another process's state, a file of another folder */
 #define WORDS_MAX     48
-#define PROCESSES_MAX 16
+#define PROCESSES_MAX 24
 #define FRAME_MAX     8192 /* bytes of a frame's JSON */
 #define FAILED_EXEC   127  /* as shells say it */
 

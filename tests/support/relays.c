@@ -3,6 +3,7 @@
 #include "common/base/clock.h"
 #include "proto/message.h"
 
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -248,4 +249,43 @@ double lw_relays_figure(const struct lw_process *process, const char *name) {
     free(text);
     note_figure(name, value);
     return value;
+}
+
+char *lw_relays_show_tree(const struct lw_process *of) {
+    char line[100];
+    struct lw_process ctl;
+    snprintf(line, sizeof line, "127.0.0.1:%u tree", of->port);
+    lw_process_start(&ctl, "lightwellctl", line);
+    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
+    return lw_process_out(&ctl);
+}
+
+void lw_relays_await_in_tree(const struct lw_process *of, unsigned indent, const char *host, uint16_t port,
+                             unsigned clients) {
+    char name[HOST_NAME_MAX + 64], counted[64];
+    snprintf(name, sizeof name, "\n%*s%s:%u ", (int)indent, "", host, port);
+    snprintf(counted, sizeof counted, "clients %u ", clients);
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    for (bool found = false; !found;) {
+        char *text = lw_relays_show_tree(of), *at = strstr(text, name),
+             *end = at ? strchr(at + 1, '\n') : NULL;
+        if (end) *end = '\0';
+        found = at && strstr(at, counted) && strstr(at, "light current");
+        if (lw_clock_ns() > end_ns) fail_msg("\"%s\" with %s is not in \"%s\"", name, counted, text);
+        free(text);
+        lw_relays_poll();
+    }
+}
+
+void lw_relays_await_not_in_tree(const struct lw_process *of, const char *host, uint16_t port) {
+    char name[HOST_NAME_MAX + 64];
+    snprintf(name, sizeof name, "%s:%u ", host, port);
+    const uint64_t end_ns = lw_clock_ns() + LW_PROCESS_LIMIT_S * 1000000000ull;
+    for (bool is_gone = false; !is_gone;) {
+        char *text = lw_relays_show_tree(of);
+        is_gone = !strstr(text, name);
+        if (lw_clock_ns() > end_ns) fail_msg("\"%s\" is still in \"%s\"", name, text);
+        free(text);
+        lw_relays_poll();
+    }
 }

@@ -53,6 +53,14 @@ void lw_relays_expect_same_directions(void);
 /** Makes a change and waits for the answer; its frame. */
 uint64_t lw_relays_update(int i, const struct lw_scene_change *change, struct lw_client_answer *out_answer);
 
+/** What `lightwellctl tree` shows of a server; the caller frees it. */
+char *lw_relays_show_tree(const struct lw_process *of);
+/** Waits until the tree has a line of this server, indented so, with that number of clients and current
+ * light; or until it has no line of it. */
+void lw_relays_await_in_tree(const struct lw_process *of, unsigned indent, const char *host, uint16_t port,
+                             unsigned clients);
+void lw_relays_await_not_in_tree(const struct lw_process *of, const char *host, uint16_t port);
+
 /** A figure of a server, as its operator reads it; the name outlives the test. */
 double lw_relays_figure(const struct lw_process *process, const char *name);
 

@@ -86,6 +86,25 @@ static void success_comes_with_its_frame(void **state) {
     assert_int_equal(next(5), 0);
 }
 
+/* Answers wait for frames of a run that has ended. Frames of the next run have greater numbers, and do not
+ * show the changes. */
+static void another_run_shows_no_change_of_the_last_one(void **state) {
+    (void)state;
+    const uint64_t run = UINT64_C(1) << 32;
+    for (uint64_t i = 1; i <= 4; i++) assert_true(add(0, 10 * i, 1));
+    for (uint64_t i = 1; i <= 4; i++) assert_int_equal(take(), i);
+    answer(1, 0, 5);
+    answer(2, 0, 6);
+    assert_int_equal(next(5), 10);
+    answer(3, LW_SCENE_CHANGE_UNKNOWN_TARGET, 0);
+    answer(4, 0, run + 2); /* made by the next run */
+    assert_int_equal(next(run + 1), UINT64_MAX);
+    assert_int_equal(next(run + 1), 30);
+    assert_int_equal(next(run + 1), 0);
+    assert_int_equal(next(run + 2), 40);
+    assert_int_equal(updates.entry_count, 0);
+}
+
 static void a_session_that_is_gone_hears_nothing(void **state) {
     (void)state;
     assert_true(add(0, 1, 1) && add(1, 2, 1) && add(0, 3, 1));
@@ -114,6 +133,7 @@ static void there_are_limits(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(success_comes_with_its_frame, begin, end),
+        cmocka_unit_test_setup_teardown(another_run_shows_no_change_of_the_last_one, begin, end),
         cmocka_unit_test_setup_teardown(a_session_that_is_gone_hears_nothing, begin, end),
         cmocka_unit_test_setup_teardown(there_are_limits, begin, end),
     };

@@ -340,10 +340,10 @@ static void another_run_counts_on(void **state) {
     struct lw_snapshot *s = snapshot();
     expect_run(s->frame_full, 0);
     lw_snapshot_unref(s);
-    assert_false(lw_relay_light_counts_on(light));
+    assert_false(lw_relay_light_ahead(light));
     lw_relay_light_end(light, FULL);
     assert_true(lw_relay_light_begin_run(light, 77));
-    assert_true(lw_relay_light_run(light) == 77 && lw_relay_light_counts_on(light));
+    assert_true(lw_relay_light_run(light) == 77 && lw_relay_light_ahead(light));
     assert_int_equal(lw_relay_light_version(light, FULL, (lw_tile_id){0}), 0);
     assert_int_equal(lw_relay_light_frame(light, FULL), 0);
     assert_int_equal(lw_relay_light_frame_for_clients(light, 3), gap + 3);

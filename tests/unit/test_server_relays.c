@@ -51,6 +51,32 @@ static void test_a_relay_is_listed_while_it_is_there(void **state) {
     serving_end(f);
 }
 
+/* A relay has a session for each form of light: the last report of any of them counts. */
+static void test_a_relay_is_listed_once(void **state) {
+    (void)state;
+    static struct lw_relay_tree_node node[LW_RELAY_TREE_MAX];
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    const int full = dial_relay(f, 7), split = dial_relay(f, 7);
+    report(full, "7 0 3 0 0 relay\n");
+    LW_SUPPORT_WAIT_UNTIL(below(f, node) == 1);
+    report(split, "7 0 4 0 0 relay\n9 7 2 0 0 below\n");
+    LW_SUPPORT_WAIT_UNTIL(below(f, node) == 2);
+    assert_int_equal(node[0].sessions, 4);
+    report(full, "7 0 5 0 0 relay\n");
+    LW_SUPPORT_WAIT_UNTIL(below(f, node) == 1);
+    assert_int_equal(node[0].sessions, 5);
+    /* and so is one that reports through NATS, too */
+    const struct lw_relay_tree_node outside[] = {{.relay = 7, .name = "relay"}, {.relay = 8, .name = "nats"}};
+    lw_server_set_relays_outside(f->server, outside, 2);
+    assert_int_equal(below(f, node), 2);
+    assert_true(node[0].sessions == 5 && node[1].relay == 8);
+    close(full);
+    close(split);
+    lw_server_set_relays_outside(f->server, NULL, 0);
+    LW_SUPPORT_WAIT_UNTIL(below(f, node) == 0);
+    serving_end(f);
+}
+
 static void test_reports_that_make_no_sense_end_the_session(void **state) {
     (void)state;
     static struct lw_relay_tree_node node[LW_RELAY_TREE_MAX];
@@ -91,6 +117,7 @@ static void test_there_is_room_for_so_many(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_a_relay_is_listed_while_it_is_there),
+        cmocka_unit_test(test_a_relay_is_listed_once),
         cmocka_unit_test(test_reports_that_make_no_sense_end_the_session),
         cmocka_unit_test(test_there_is_room_for_so_many),
     };

@@ -1,5 +1,6 @@
 #include "server/serve/metrics/relay_tree.h"
 
+#include "common/base/invariant.h"
 #include "server/serve/metrics/exposition.h"
 
 #include <inttypes.h>
@@ -13,8 +14,9 @@
 #define LETTERS "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ" DIGITS ".:-_[]/%"
 
 enum lw_status lw_relay_tree_init(struct lw_relay_tree *tree) {
-    *tree = (struct lw_relay_tree){.node = calloc(LW_RELAY_TREE_MAX, sizeof *tree->node)};
+    *tree = (struct lw_relay_tree){.node = calloc(2 * LW_RELAY_TREE_MAX, sizeof *tree->node)};
     if (!tree->node) return LW_NO_MEMORY;
+    tree->outside = tree->node + LW_RELAY_TREE_MAX;
     uv_mutex_init(&tree->mutex); /* glibc's initialisers cannot fail */
     return LW_OK;
 }
@@ -97,20 +99,41 @@ size_t lw_relay_tree_write(const struct lw_relay_tree_node *node, uint32_t count
 
 /* ---- of a server ---- */
 
+uint32_t lw_relay_tree_join(struct lw_relay_tree_node *node, uint32_t count, uint32_t capacity,
+                            const struct lw_relay_tree_node *more, uint32_t more_count) {
+    LW_INVARIANT(count <= capacity);
+    for (uint32_t i = 0; i < more_count && count < capacity; i++) {
+        uint32_t same = 0;
+        while (same < count && node[same].relay != more[i].relay) same++;
+        if (same == count) node[count++] = more[i];
+    }
+    return count;
+}
+
+void lw_relay_tree_set_outside(struct lw_relay_tree *tree, const struct lw_relay_tree_node *node,
+                               uint32_t count) {
+    LW_INVARIANT(count <= LW_RELAY_TREE_MAX);
+    uv_mutex_lock(&tree->mutex);
+    if (count) memcpy(tree->outside, node, count * sizeof *node);
+    tree->outside_count = count;
+    uv_mutex_unlock(&tree->mutex);
+}
+
 uint32_t lw_relay_tree_get(struct lw_relay_tree *tree, struct lw_relay_tree_node *out_node,
                            uint32_t capacity) {
     uv_mutex_lock(&tree->mutex);
-    const uint32_t count = tree->count < capacity ? tree->count : capacity;
-    memcpy(out_node, tree->node, count * sizeof *out_node);
+    uint32_t count = lw_relay_tree_join(out_node, 0, capacity, tree->node, tree->count);
+    count = lw_relay_tree_join(out_node, count, capacity, tree->outside, tree->outside_count);
     uv_mutex_unlock(&tree->mutex);
     return count;
 }
 
-static void write_metric(struct lw_exposition *e, const struct lw_relay_tree *tree, const char *name,
-                         const char *help, double (*value)(const struct lw_relay_tree_node *node)) {
+static void write_metric(struct lw_exposition *e, const struct lw_relay_tree_node *node, uint32_t count,
+                         const char *name, const char *help,
+                         double (*value)(const struct lw_relay_tree_node *node)) {
     lw_exposition_metric(e, name, "gauge", help);
-    for (uint32_t i = 0; i < tree->count; i++) {
-        const struct lw_relay_tree_node *n = &tree->node[i];
+    for (uint32_t i = 0; i < count; i++) {
+        const struct lw_relay_tree_node *n = &node[i];
         char labels[200];
         snprintf(labels, sizeof labels, "relay=\"%" PRIx64 "\",above=\"%" PRIx64 "\",name=\"%s\"", n->relay,
                  n->above, n->name);
@@ -126,14 +149,20 @@ void lw_relay_tree_add_metrics(struct lw_relay_tree *tree, struct lw_server_page
     struct lw_exposition e;
     char *text;
     size_t size;
-    if (!tree->count || lw_exposition_begin(&e) != LW_OK) return;
-    write_metric(&e, tree, "lightwell_below_sessions",
+    struct lw_relay_tree_node *node = malloc(LW_RELAY_TREE_MAX * sizeof *node);
+    const uint32_t count = node ? lw_relay_tree_get(tree, node, LW_RELAY_TREE_MAX) : 0;
+    if (!count || lw_exposition_begin(&e) != LW_OK) {
+        free(node);
+        return;
+    }
+    write_metric(&e, node, count, "lightwell_below_sessions",
                  "Sessions of each relay below this server, by their number; above: the relay that feeds it.",
                  sessions_of);
-    write_metric(&e, tree, "lightwell_below_light_age_seconds",
+    write_metric(&e, node, count, "lightwell_below_light_age_seconds",
                  "How long that relay has had no server above: its clients have the light of then.", age_of);
-    write_metric(&e, tree, "lightwell_below_sent_bytes_per_second",
+    write_metric(&e, node, count, "lightwell_below_sent_bytes_per_second",
                  "What that relay sent to its clients lately.", sent_of);
+    free(node);
     if (lw_exposition_end(&e, &text, &size) != LW_OK) return;
     char *grown = realloc(page->text, page->size + size + 1);
     if (grown) {

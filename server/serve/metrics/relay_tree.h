@@ -1,6 +1,7 @@
 /* relay_tree.h: the relays below a server, by their own reports, each with its feeder.
  * Flow:    REPORT of each relay's session -> [relay_tree] -> /metrics, STATS; REPORT to the server above
- * Threads: lw_relay_tree_get() [any], all else [loop]. */
+ *          REPORT through NATS -> server/nats/relay_reports -> [relay_tree]
+ * Threads: lw_relay_tree_get() and lw_relay_tree_set_outside() [any], all else [loop]. */
 #ifndef LW_SERVE_METRICS_RELAY_TREE_H
 #define LW_SERVE_METRICS_RELAY_TREE_H
 
@@ -23,9 +24,9 @@ struct lw_session;
 
 /** Sum of the reports of all relays. */
 struct lw_relay_tree {
-    uv_mutex_t mutex; /* guards the fields below; held for a copy only */
-    struct lw_relay_tree_node *node;
-    uint32_t count;
+    uv_mutex_t mutex;                          /* guards the fields below; held for a copy only */
+    struct lw_relay_tree_node *node, *outside; /* relays with a session; other relays */
+    uint32_t count, outside_count;
 };
 
 /** Errors: LW_NO_MEMORY. */
@@ -45,7 +46,15 @@ LW_MUST_CHECK enum lw_status lw_relay_tree_read(const uint8_t *data, size_t size
 /** Writes them. Returns its bytes; dst_size: LW_RELAY_TREE_TEXT_MAX suffices. */
 size_t lw_relay_tree_write(const struct lw_relay_tree_node *node, uint32_t count, char *dst, size_t dst_size);
 
-/** A copy of what there is. capacity: LW_RELAY_TREE_MAX suffices. [any] */
+/** Appends relays that are not in `node` yet, up to its capacity. Returns how many there are then. */
+uint32_t lw_relay_tree_join(struct lw_relay_tree_node *node, uint32_t count, uint32_t capacity,
+                            const struct lw_relay_tree_node *more, uint32_t more_count);
+
+/** Replaces the relays below that have no session here: they take light from NATS. Copied; count: at most
+ * LW_RELAY_TREE_MAX. [any] */
+void lw_relay_tree_set_outside(struct lw_relay_tree *tree, const struct lw_relay_tree_node *node,
+                               uint32_t count);
+/** A copy of what there is, each relay once. capacity: LW_RELAY_TREE_MAX suffices. [any] */
 uint32_t lw_relay_tree_get(struct lw_relay_tree *tree, struct lw_relay_tree_node *out_node,
                            uint32_t capacity);
 /** Adds a line for each relay to a page of metrics. Without memory the page stays as it is. */

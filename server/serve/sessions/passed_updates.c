@@ -136,6 +136,11 @@ static bool is_due(const struct lw_passed_updates_entry *e, uint64_t frame) {
     return e->is_answered && (e->is_lost || e->code || e->frame <= frame);
 }
 
+/* No frame of that run came to show it. */
+static bool is_of_earlier_run(const struct lw_passed_updates_entry *e, uint64_t frame) {
+    return !e->code && e->frame / LW_PASSED_UPDATES_RUN_FRAMES < frame / LW_PASSED_UPDATES_RUN_FRAMES;
+}
+
 /* Its text and list have to outlive the entry. */
 static bool take_answer(const struct lw_passed_updates_entry *e, struct lw_passed_updates_done *out_done) {
     *out_done = (struct lw_passed_updates_done){.session = e->session, .is_lost = e->is_lost};
@@ -166,6 +171,7 @@ bool lw_passed_updates_next(struct lw_passed_updates *u, uint64_t frame,
             i++;
             continue;
         }
+        e->is_lost |= is_of_earlier_run(e, frame);
         any = e->session != NULL;
         if (any && !take_answer(e, out_done)) { /* no memory: the session hears that it is lost */
             *out_done = (struct lw_passed_updates_done){.session = e->session, .is_lost = true};

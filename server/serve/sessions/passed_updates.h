@@ -14,6 +14,9 @@
 #define LW_PASSED_UPDATES_MAX         1024u        /* without an answer */
 #define LW_PASSED_UPDATES_CHANGES_MAX (128u << 10) /* not taken yet, over all updates: 7.5 MiB */
 
+/* A relay that goes on with another run counts its frames from the next multiple of this on. */
+#define LW_PASSED_UPDATES_RUN_FRAMES (UINT64_C(1) << 32)
+
 struct lw_session;
 
 /** An update on its way up. */
@@ -60,7 +63,8 @@ struct lw_passed_updates_done {
     void *storage;                    /* the answer's; the caller frees it */
 };
 /** The next one that its session may hear of: refusals at once, success with the frame that shows it, in the
- * order in which the updates came. frame: the newest here; 0: none. false: there is none. [loop] */
+ * order in which the updates came. One is lost whose frame is of an earlier run than the newest: the new run
+ * lacks the change. frame: the newest here; 0: none. false: there is none. [loop] */
 bool lw_passed_updates_next(struct lw_passed_updates *updates, uint64_t frame,
                             struct lw_passed_updates_done *out_done);
 

@@ -20,6 +20,14 @@ static void merge(struct lw_session_shared *shared) {
     uv_mutex_unlock(&tree->mutex);
 }
 
+/* A relay has a session for each form of light, and reports in one of them: the last report counts. */
+static void leave_others(const struct lw_session *reporter) {
+    for (struct lw_session *s = reporter->shared->first, *next; s; s = next) {
+        next = s->next;
+        if (s != reporter && s->relay == reporter->relay) lw_session_relays_leave(s);
+    }
+}
+
 enum lw_status lw_session_relays_report(struct lw_session *s, const struct lw_message_report *report,
                                         struct lw_error *err) {
     struct lw_session_shared *shared = s->shared;
@@ -35,6 +43,7 @@ enum lw_status lw_session_relays_report(struct lw_session *s, const struct lw_me
         free(below);
         return status == LW_NO_MEMORY ? LW_OK : status;
     }
+    leave_others(s);
     below->above = shared->is_relay ? shared->relays[0] : 0;
     if ((fitting = realloc(below, count * sizeof *below))) below = fitting;
     if (!s->below) shared->reporting_count++;
