@@ -230,9 +230,8 @@ static void tell_if_full(struct lw_fine_tiles *fine) {
     if (fine->granted_count == fine->wanted_count || fine->told) return;
     fine->told = true;
     lw_log(LW_LOG_WARNING,
-           "there is no room for all detail that is asked for: for %u of %u tiles, the first ones of each "
-           "client's list "
-           "first (--memory)",
+           "there is no room for all detail that is asked for: for %u of %u tiles, coarser levels of each "
+           "client first (--memory)",
            fine->granted_count, fine->wanted_count);
 }
 

@@ -16,22 +16,23 @@ static int compare(const void *left, const void *right) {
     return (a > b) - (a < b);
 }
 
-static void count_list(uint32_t plain, const uint32_t *tile, size_t count, uint32_t *turn) {
+/* Coarser levels first: lists themselves are in no order of importance. */
+static void count_list(const struct lw_atlas_map *map, const uint32_t *tile, size_t count, uint32_t *turn) {
     uint32_t at = 0;
-    for (size_t i = 0; i < count; i++) {
-        if (tile[i] < plain) continue;
-        uint32_t *of = &turn[tile[i] - plain];
-        if (at < *of) *of = at;
-        at++;
-    }
+    for (uint32_t k = 1; k <= map->finer_count; k++)
+        for (size_t i = 0; i < count; i++) {
+            if (lw_atlas_finer(map->place[tile[i]].level) != k) continue;
+            uint32_t *of = &turn[tile[i] - map->plain_count];
+            if (at < *of) *of = at;
+            at++;
+        }
 }
 
 /* turn: per id of a finer level, its first place among those in any list; UINT32_MAX: in none */
 static void count_turns(const struct lw_session_shared *shared, uint32_t *turn) {
-    const uint32_t plain = shared->atlas_map->plain_count;
     for (uint32_t i = 0; i < lw_atlas_map_room(shared->atlas_map); i++) turn[i] = UINT32_MAX;
     for (const struct lw_session *s = shared->first; s; s = s->next)
-        count_list(plain, s->interest.tile, s->interest.tile_count, turn);
+        count_list(shared->atlas_map, s->interest.tile, s->interest.tile_count, turn);
 }
 
 bool lw_fine_turns_may_claim(const struct lw_atlas_map *map, uint32_t count) {
@@ -47,7 +48,7 @@ bool lw_fine_turns_weigh(const struct lw_session_shared *shared, const uint32_t 
     uint32_t *turn = malloc(room * sizeof *turn);
     if (!turn) return false;
     count_turns(shared, turn);
-    count_list(plain, outside, outside_count, turn);
+    count_list(shared->atlas_map, outside, outside_count, turn);
     for (uint32_t i = 0; i < room; i++) {
         if (!levels[plain + i] || turn[i] == UINT32_MAX) continue;
         const uint32_t later = turn[i] / TILES_A_TURN;
