@@ -305,6 +305,30 @@ static void test_greedy_sessions_leave_ids_and_turns_to_others(void **state) {
     serving_fine_room = 3;
 }
 
+/* Numbers of finer levels and tiles that the scene does not have. */
+static void test_no_such_fine_tile(void **state) {
+    (void)state;
+    serving_finer_levels = 2;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    const struct lw_message_interest_tile none[] = {
+        {0, LW_ATLAS_FINER, 0},                      /* level 0 has another number */
+        {0, LW_ATLAS_FINER + 3, 0},                  /* there are two levels */
+        {0, LW_ATLAS_FINER + LW_ATLAS_FINER_ALL, 0}, /* a server's own */
+        {0, LW_ATLAS_FINER + 1, 7 * 4},              /* 400 x 200 texels: 7 x 4 tiles */
+        {SERVING_OBJECTS, LW_ATLAS_FINER + 1, 0},
+    };
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+        const int s = dial_finer(f);
+        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                            .interest = {.tile = &none[i], .tile_count = 1}});
+        serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
+        close(s);
+    }
+    assert_int_equal(lw_fine_ids_free_count(f->map.fine), serving_fine_room);
+    serving_end(f);
+    serving_finer_levels = 0;
+}
+
 /* A relay drops a tile: in a snapshot it has no version. Then its id is another tile's, whose version may be
  * smaller. */
 static void test_a_dropped_tile_leaves_nothing_to_the_next(void **state) {
@@ -361,6 +385,7 @@ int main(void) {
         cmocka_unit_test(test_a_session_has_so_many_fine_tiles),
         cmocka_unit_test(test_sessions_take_turns_where_a_relay_asks_for_fewer),
         cmocka_unit_test(test_greedy_sessions_leave_ids_and_turns_to_others),
+        cmocka_unit_test(test_no_such_fine_tile),
         cmocka_unit_test(test_a_dropped_tile_leaves_nothing_to_the_next),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
