@@ -296,6 +296,41 @@ static void turns_come_before_levels(void **state) {
     room_finish(&s);
 }
 
+/* Interest that is elsewhere in each frame: no frame makes more than two tiles, no more are there than there
+ * is room for, and memory stays below what it is with all slots taken. */
+static void interest_that_jumps_is_bounded(void **state) {
+    (void)state;
+    enum { SLOTS = 6, FRAMES = 60, MAKE_MAX = 2, TILE_BYTES = 1 << 20 };
+    struct room_solution s;
+    struct lw_solver_desc desc = terms;
+    desc.fine_tiles = SLOTS;
+    desc.fine_when = LW_FINE_AFTER_FRAMES;
+    begin(&s, scene_of(0), FINER, desc);
+    const size_t empty_bytes = s.solver->ops->memory_bytes(s.solver);
+    uint8_t *held = calloc(s.map.tile_count, 1);
+    assert_non_null(held);
+    uint32_t made_in_all = 0;
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) {
+        const uint32_t object = (uint32_t)frame % ROOM_FACES;
+        look_at(&s, LW_ATLAS_FINER + 1 + (uint32_t)frame % FINER, object, object + 1);
+        step(&s, frame);
+        uint32_t there = 0, made = 0;
+        for (uint32_t id = s.map.plain_count; id < s.map.tile_count; id++) {
+            const bool holds = s.solver->ops->holds_fine(s.solver, (lw_tile_id){id});
+            there += holds;
+            made += holds && !held[id];
+            held[id] = holds;
+        }
+        assert_in_range(there, 0, SLOTS);
+        assert_in_range(made, 0, MAKE_MAX);
+        made_in_all += made;
+        assert_true(s.solver->ops->memory_bytes(s.solver) <= empty_bytes + SLOTS * TILE_BYTES);
+    }
+    assert_true(made_in_all > 4 * SLOTS);
+    free(held);
+    room_finish(&s);
+}
+
 /* ---- the same bytes ---- */
 
 static void expect_same(const struct room_solution *a, const struct room_solution *b) {
@@ -408,6 +443,7 @@ int main(void) {
         cmocka_unit_test(those_that_are_looked_at_have_the_room),
         cmocka_unit_test(coarser_levels_come_first),
         cmocka_unit_test(turns_come_before_levels),
+        cmocka_unit_test(interest_that_jumps_is_bounded),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(level_0_does_not_depend_on_them),
         cmocka_unit_test(layers_share_them),
