@@ -14,8 +14,9 @@
 #   view    a view by rays, linear EXR (lightwell-view --headless)
 #   maps    what lightwell-bake writes (not of scenes named in LW_SAME_UNBAKED)
 # Then each build runs the scripts of tests/reference/test_solve_scripts.c: frames with a budget of units, interest
-# that jumps, onsets, sweeps, groups, forms, objects hidden and shown, a checkpoint, probes. One digest a frame is
-# compared; of a script that differs the first frame is named. LW_SAME_SCRIPTS=only runs nothing else.
+# that jumps, onsets, sweeps, groups, forms, objects hidden and shown, a checkpoint, probes, finer levels, a scene that
+# is lit in part. One digest a frame is compared; of a script that differs the first frame is named.
+# LW_SAME_SCRIPTS=only runs nothing else.
 # Ends with 0 if all are the same.
 set -euo pipefail
 [ $# -ge 2 ] || { sed -n '2,/^set/{/^set/d;s/^# \{0,1\}//;p}' "$0"; exit 64; }

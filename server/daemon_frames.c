@@ -422,6 +422,7 @@ void *lw_daemon_frames_run(void *argument) {
     lw_daemon_give_way();
     if (d->solver || lw_daemon_set_up_solver(d, &d->solver_error) == LW_OK) {
         lw_daemon_metrics_memory(&d->metrics, lw_daemon_memory_bytes(d));
+        lw_daemon_metrics_budget(&d->metrics, &d->memory);
         log_scene(d, lw_daemon_memory_bytes(d));
         d->first = 1;
         if (d->settings.keep) d->first += lw_light_store_resume(&d->light_store, &d->atlas_map, d->solver);

@@ -100,7 +100,12 @@ enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings
                    fine = is_default ? default_fine(fits, left) : left;
     /* else nobody asks for tiles */
     const bool is_followed = settings->light == LW_DAEMON_LIGHT_SEEN && (!fits || settings->detail);
-    *out_memory = (struct lw_daemon_memory){!fits, is_followed ? count_fine(fine, need.fine_tile) : 0};
+    const uint64_t base = memory - left;
+    *out_memory = (struct lw_daemon_memory){.is_sparse = !fits,
+                                            .fine_tiles = is_followed ? count_fine(fine, need.fine_tile) : 0,
+                                            .base_bytes = base,
+                                            .tile_bytes = need.fine_tile,
+                                            .limit_bytes = is_default ? base + fine : memory};
     if (!fits)
         lw_log(LW_LOG_INFO,
                "the light of %.2g M texels would take %.0f MB: where nobody looks it is a quarter as dense, "

@@ -21,6 +21,12 @@ void lw_daemon_metrics_memory(struct lw_daemon_metrics *metrics, uint64_t bytes)
     pthread_mutex_unlock(&metrics->mutex);
 }
 
+void lw_daemon_metrics_budget(struct lw_daemon_metrics *metrics, const struct lw_daemon_memory *budget) {
+    pthread_mutex_lock(&metrics->mutex);
+    metrics->sums.budget = *budget;
+    pthread_mutex_unlock(&metrics->mutex);
+}
+
 void lw_daemon_metrics_save_failed(struct lw_daemon_metrics *metrics) {
     pthread_mutex_lock(&metrics->mutex);
     metrics->sums.saves_failed++;
@@ -124,6 +130,12 @@ static void write_solve(struct lw_exposition *e, const struct lw_daemon_metrics_
                           "Times that --keep could not save the light.");
     lw_exposition_gauge(e, "lightwell_solve_memory_bytes", (double)sums->memory_bytes,
                         "Memory of solver and publisher, rays' structure included.");
+    const struct lw_daemon_memory *budget = &sums->budget;
+    lw_exposition_gauge(e, "lightwell_light_memory_bytes",
+                        (double)(budget->base_bytes + sums->tiles_fine * budget->tile_bytes),
+                        "Forecast of the light's memory, with the tiles of finer levels that are there.");
+    lw_exposition_gauge(e, "lightwell_light_memory_limit_bytes", (double)budget->limit_bytes,
+                        "The most memory that the light may take (--memory).");
     lw_exposition_gauge(e, "lightwell_first_light_seconds", sums->lit_after_s,
                         "First light after the start; 0: none yet.");
     lw_exposition_gauge(e, "lightwell_whole_light_seconds", sums->whole_after_s,

@@ -6,6 +6,7 @@
 
 #include "common/base/waiting.h"
 #include "server/cost_report.h"
+#include "server/daemon_memory.h"
 #include "server/nats/nats_publisher.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -30,6 +31,7 @@ struct lw_daemon_metrics_sums {
         changes, solve_cpu_ns, publish_cpu_ns, newest_frame, saves_failed;
     uint32_t tiles, tiles_converged, tiles_interest, tiles_fine, tiles_fine_wanted; /* in the last frame */
     uint64_t memory_bytes;             /* for solver and publisher */
+    struct lw_daemon_memory budget;    /* zeroed: not chosen yet */
     double lit_after_s, whole_after_s; /* first light after the start; 0: none yet */
 };
 
@@ -62,6 +64,7 @@ void lw_daemon_metrics_init(struct lw_daemon_metrics *metrics, const char *isa, 
 void lw_daemon_metrics_finish(struct lw_daemon_metrics *metrics);
 
 void lw_daemon_metrics_memory(struct lw_daemon_metrics *metrics, uint64_t bytes);
+void lw_daemon_metrics_budget(struct lw_daemon_metrics *metrics, const struct lw_daemon_memory *budget);
 void lw_daemon_metrics_save_failed(struct lw_daemon_metrics *metrics);
 void lw_daemon_metrics_first_light(struct lw_daemon_metrics *metrics, double after_s);
 /** The light of the whole density has come, after coarse light. */

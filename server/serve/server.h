@@ -138,7 +138,9 @@ void lw_server_publish(struct lw_server *server, struct lw_snapshot *snapshot);
 struct lw_server_interest {
     bool everything; /* a session wants every tile; `levels` is NULL then */
     uint64_t number; /* this list's, from 1 on: snapshots say which one the solver had (snapshot.h) */
-    uint8_t *levels; /* per lw_tile_id (lw_interest_union_levels()); the caller frees it. NULL: a relay's */
+    /* Per lw_tile_id (lw_interest_union_levels(), lw_fine_turns_weigh()). The caller frees it. NULL: a
+     * relay's. */
+    uint8_t *levels;
     /* A relay's: the tiles that a session lists, by lw_tile_id. Tiles of finer levels come last, in the
      * order of fine_turns.h. The caller frees it. */
     uint32_t *tile;

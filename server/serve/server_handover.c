@@ -113,11 +113,13 @@ static bool list_wanted(const struct lw_session_shared *shared, struct lw_server
     return lw_fine_turns_order(shared, list->tile, list->tile_count);
 }
 
-/* For the solver: what the tiles that are listed cover. */
-static bool list_levels(const struct lw_interest_union *interest_union, struct lw_server_interest *list) {
+/* For the solver: what the tiles that are listed cover, and turns of those of finer levels. */
+static bool list_levels(const struct lw_server *server, struct lw_server_interest *list) {
+    const struct lw_interest_union *interest_union = &server->shared.interest_union;
     if (!(list->levels = malloc((size_t)interest_union->atlas_map->tile_count + 1))) return false;
     lw_interest_union_levels(interest_union, list->levels);
-    return true;
+    return lw_fine_turns_weigh(&server->shared, server->outside.tile, server->outside.tile_count,
+                               list->levels);
 }
 
 void lw_server_handover_interest(struct lw_server *server) {
@@ -130,7 +132,7 @@ void lw_server_handover_interest(struct lw_server *server) {
     struct lw_server_interest list = {.everything = interest_union->everything > 0};
     const bool is_made = server->shared.is_relay ? list_wanted(&server->shared, &list)
                          : list.everything       ? true
-                                                 : list_levels(interest_union, &list);
+                                                 : list_levels(server, &list);
     if (!is_made) {
         free_interest(&list);
         return; /* later, perhaps */

@@ -60,7 +60,8 @@ void lw_cell_layer_review(struct lw_solver *solver) {
 static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *interest, struct lw_error *err) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     enum lw_status status = lw_fine_tiles_want(&s->geometry->fine, interest);
-    if (status == LW_OK) status = lw_interest_set_replace(&s->interest, interest);
+    if (status == LW_OK)
+        status = lw_interest_set_replace(&s->interest, interest, s->desc.atlas_map->plain_count);
     if (status != LW_OK)
         return lw_status_fail(err, status, "interest in %u texels", s->geometry->texels.count);
     for (uint32_t i = 0; i < s->tiles.count; i++)

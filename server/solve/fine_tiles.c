@@ -62,17 +62,31 @@ size_t lw_fine_tiles_memory_bytes(const struct lw_fine_tiles *fine) {
     return bytes;
 }
 
+static int compare_keys(const void *left, const void *right) {
+    const uint64_t a = *(const uint64_t *)left, b = *(const uint64_t *)right;
+    return (a > b) - (a < b);
+}
+
 enum lw_status lw_fine_tiles_want(struct lw_fine_tiles *fine, const uint8_t *interest) {
     if (!fine->maker) return LW_OK;
     uint32_t count = 0;
     for (uint32_t id = fine->map->plain_count; interest && id < fine->map->tile_count; id++)
         count += interest[id] != 0;
     lw_tile_id *wanted = malloc((count + 1ul) * sizeof *wanted);
-    if (!wanted) return LW_NO_MEMORY;
+    uint64_t *key = malloc((count + 1ul) * sizeof *key);
+    if (!wanted || !key) {
+        free(wanted);
+        free(key);
+        return LW_NO_MEMORY;
+    }
     count = 0;
-    for (uint32_t k = 1; interest && k <= fine->map->finer_count; k++)
-        for (uint32_t id = fine->map->plain_count; id < fine->map->tile_count; id++)
-            if (interest[id] && lw_atlas_finer(fine->map->place[id].level) == k) wanted[count++].v = id;
+    for (uint32_t id = fine->map->plain_count; interest && id < fine->map->tile_count; id++)
+        if (interest[id])
+            key[count++] =
+                ((uint64_t)interest[id] << 8 | lw_atlas_finer(fine->map->place[id].level)) << 32 | id;
+    qsort(key, count, sizeof *key, compare_keys);
+    for (uint32_t i = 0; i < count; i++) wanted[i].v = (uint32_t)key[i];
+    free(key);
     free(fine->wanted);
     fine->wanted = wanted;
     fine->wanted_count = count;
@@ -216,8 +230,8 @@ static void tell_if_full(struct lw_fine_tiles *fine) {
     if (fine->granted_count == fine->wanted_count || fine->told) return;
     fine->told = true;
     lw_log(LW_LOG_WARNING,
-           "there is no room for all detail that is asked for: for %u of %u tiles, coarser levels first "
-           "(--memory)",
+           "there is no room for all detail that is asked for: for %u of %u tiles, coarser levels of each "
+           "client first (--memory)",
            fine->granted_count, fine->wanted_count);
 }
 

@@ -8,8 +8,9 @@
  *
  * Tiles are made at the beginning of a frame, some at a time, those of coarser levels first, once level 0
  * below has some light. Where there is no room left, those go first that nobody has looked at for the
- * longest. Where more are wanted than there is room for, the finest levels are left out, for all who look: a
- * tile of a coarser level takes the room of a finer one. A tile whose object's texels have
+ * longest. Where more are wanted than there is room for, those come first that interest has a low entry for:
+ * clients have taken turns there (fine_turns.h). Among equal ones the finest levels are left out: a tile of a
+ * coarser level takes the room of a finer one. A tile whose object's texels have
  * changed is made again. All this follows from the interest of each frame alone: the same interest gives the
  * same bytes. Tiles for maps of a bake are made at once, as many as there is room for, and have albedo.
  *
@@ -48,7 +49,7 @@ struct lw_fine_tiles {
     struct lw_fine_texels_maker *maker; /* NULL: there is no room */
     struct lw_fine_tile *tile;          /* per slot */
     uint32_t slots, used;
-    lw_tile_id *wanted;                   /* coarser levels first, each by id */
+    lw_tile_id *wanted;                   /* by interest, coarser levels first, each by id */
     uint32_t wanted_count, granted_count; /* granted are the first ones, as many as there are slots */
     lw_tile_id *shown;                    /* scratch of lw_fine_tiles_list() */
     struct lw_fine_tile **fresh;          /* scratch of lw_fine_tiles_update() */

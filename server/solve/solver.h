@@ -151,7 +151,8 @@ struct lw_solver_ops {
                             struct lw_solver_stats *out_stats, struct lw_error *err);
     /** Sets the interest set. From the next frame on the solver solves it and its contributors (plan.h).
      * interest: per lw_tile_id, 0 or 1 + the finest level of interest; the call reads the entries of level 0,
-     * and those of finer levels, which are 0 or 1: such tiles are made, as far as there is room.
+     * and those of finer levels. Such tiles are made, as far as there is room: those with the lowest entry
+     * above 0 first, among equal ones those of coarser levels.
      * NULL: everything, as in a new solver. Other tiles keep their sums: back in the interest set they go on
      * from them, cut to their staleness if something has moved. Errors: LW_NO_MEMORY; nothing changes
      * then. */

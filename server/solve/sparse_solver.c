@@ -49,12 +49,12 @@ static void want_coarse(const struct sparse *s, uint8_t *interest, const struct 
 }
 
 /* Gives a tile an id in the inner map, where it has none or has that of another tile. */
-static void want_sparse(struct sparse *s, uint8_t *interest, uint32_t id) {
+static void want_sparse(struct sparse *s, uint8_t *interest, uint32_t id, uint8_t turn) {
     const struct lw_tile_place *place = &s->map->place[id];
     const uint32_t level = LW_ATLAS_FINER + LW_COARSE_SCENE_SHIFT + lw_atlas_finer(place->level);
     const lw_tile_id inner = lw_atlas_map_claim(&s->inner_map, place->object, level, place->x, place->y);
     if (inner.v == NONE) return; /* it stays coarse */
-    interest[inner.v] = 1;
+    interest[inner.v] = turn;
     s->tile[id].inner = inner.v;
     s->outer[inner.v - s->inner_map.plain_count] = id;
 }
@@ -68,7 +68,8 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
         const bool is_fine = id >= s->map->plain_count;
         if (!interest[id] || (!is_fine && place->level)) continue;
         want_coarse(s, inner, place, is_fine ? 1 : interest[id]);
-        if (is_fine || interest[id] <= 1 + LEVEL_SPARSE_MAX) want_sparse(s, inner, id);
+        if (is_fine || interest[id] <= 1 + LEVEL_SPARSE_MAX)
+            want_sparse(s, inner, id, is_fine ? interest[id] : 1);
     }
     const enum lw_status status = s->inner->ops->set_interest(s->inner, interest ? inner : NULL, err);
     if (status != LW_OK) {

@@ -120,6 +120,11 @@ static void finer_tiles_come_through_two_relays(void **state) {
     want(0, 2);
     want(1, 2);
     lw_relays_wait(are_same);
+    const double limit = lw_relays_figure(&server, "lightwell_light_memory_limit_bytes"),
+                 bytes = lw_relays_figure(&server, "lightwell_light_memory_bytes");
+    assert_true(lw_relays_figure(&server, "lightwell_fine_tiles") >= 2);
+    assert_true(lw_relays_figure(&server, "lightwell_wanted_fine_tiles") == 2);
+    assert_true(bytes > 2.0 * (1 << 20) && bytes <= limit);
     want(1, 1);
     for (int i = 0; i < 2; i++) wait_for_list(&relay[i], 1);
     lw_relays_wait(first_is_same);

@@ -262,6 +262,75 @@ static void coarser_levels_come_first(void **state) {
     room_finish(&s);
 }
 
+/* Somebody lists all tiles of the coarser finer level, another one six of the finest: there is room for
+ * fewer. Turns, four tiles each, come before levels. The second one has all of its tiles once those of the
+ * first two turns have been made, two a frame. */
+static void turns_come_before_levels(void **state) {
+    (void)state;
+    enum { MODEST = 6, TURN = 4, SLOTS = 2 * 2 * TURN, WAIT = 8, FRAMES = WAIT + SLOTS / 2 + 1 };
+    struct room_solution s;
+    struct lw_solver_desc desc = terms;
+    uint32_t at[2] = {0};
+    desc.fine_tiles = SLOTS;
+    desc.fine_when = LW_FINE_AFTER_FRAMES;
+    begin(&s, scene_of(0), FINER, desc);
+    uint8_t *interest = calloc(s.map.tile_count, 1);
+    assert_non_null(interest);
+    for (uint32_t id = 0; id < s.map.tile_count; id++) {
+        const struct lw_tile_place *place = &s.map.place[id];
+        const uint32_t finer = lw_atlas_finer(place->level);
+        interest[id] = place->level == 0;
+        if (!place->width || !finer || (finer == FINER && at[1] == MODEST)) continue;
+        interest[id] = (uint8_t)(1 + at[finer == FINER]++ / TURN);
+    }
+    assert_true(at[0] + MODEST > SLOTS && at[1] == MODEST);
+    lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) step(&s, frame);
+    uint32_t there = 0;
+    for (uint32_t id = 0; id < s.map.tile_count; id++)
+        there += interest[id] && lw_atlas_finer(s.map.place[id].level) == FINER &&
+                 s.solver->ops->holds_fine(s.solver, (lw_tile_id){id});
+    assert_int_equal(there, MODEST);
+    assert_int_equal(s.stats.tiles_fine, SLOTS);
+    free(interest);
+    room_finish(&s);
+}
+
+/* Interest that is elsewhere in each frame: no frame makes more than two tiles, no more are there than there
+ * is room for, and memory stays below what it is with all slots taken. */
+static void interest_that_jumps_is_bounded(void **state) {
+    (void)state;
+    enum { SLOTS = 6, FRAMES = 60, MAKE_MAX = 2, TILE_BYTES = 1 << 20 };
+    struct room_solution s;
+    struct lw_solver_desc desc = terms;
+    desc.fine_tiles = SLOTS;
+    desc.fine_when = LW_FINE_AFTER_FRAMES;
+    begin(&s, scene_of(0), FINER, desc);
+    const size_t empty_bytes = s.solver->ops->memory_bytes(s.solver);
+    uint8_t *held = calloc(s.map.tile_count, 1);
+    assert_non_null(held);
+    uint32_t made_in_all = 0;
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) {
+        const uint32_t object = (uint32_t)frame % ROOM_FACES;
+        look_at(&s, LW_ATLAS_FINER + 1 + (uint32_t)frame % FINER, object, object + 1);
+        step(&s, frame);
+        uint32_t there = 0, made = 0;
+        for (uint32_t id = s.map.plain_count; id < s.map.tile_count; id++) {
+            const bool holds = s.solver->ops->holds_fine(s.solver, (lw_tile_id){id});
+            there += holds;
+            made += holds && !held[id];
+            held[id] = holds;
+        }
+        assert_in_range(there, 0, SLOTS);
+        assert_in_range(made, 0, MAKE_MAX);
+        made_in_all += made;
+        assert_true(s.solver->ops->memory_bytes(s.solver) <= empty_bytes + SLOTS * TILE_BYTES);
+    }
+    assert_true(made_in_all > 4 * SLOTS);
+    free(held);
+    room_finish(&s);
+}
+
 /* ---- the same bytes ---- */
 
 static void expect_same(const struct room_solution *a, const struct room_solution *b) {
@@ -373,6 +442,8 @@ int main(void) {
         cmocka_unit_test(light_is_that_of_a_finer_atlas),
         cmocka_unit_test(those_that_are_looked_at_have_the_room),
         cmocka_unit_test(coarser_levels_come_first),
+        cmocka_unit_test(turns_come_before_levels),
+        cmocka_unit_test(interest_that_jumps_is_bounded),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(level_0_does_not_depend_on_them),
         cmocka_unit_test(layers_share_them),

@@ -1,9 +1,11 @@
 /* Scripts of what a solver is asked for, frame by frame: interest that jumps, movements, groups, forms,
- * objects that go and come, a checkpoint. Under a budget of units the same script gives the same bytes at any
- * thread count. `test_solve_scripts digests` prints a digest of each frame, which scripts/same_bytes.sh
- * compares between two builds. */
+ * objects that go and come, a checkpoint, finer levels, a scene that is lit in part. Under a budget of units
+ * the same script gives the same bytes at any thread count. `test_solve_scripts digests` prints a digest of
+ * each frame, which scripts/same_bytes.sh compares between two builds. */
 #include "common/light/client_lights.h"
+#include "common/lightmap/lightmap.h"
 #include "server/solve/adapt/plan_log.h"
+#include "server/solve/sparse_solver.h"
 #include "tests/reference/room.h"
 
 #include <stdio.h>
@@ -13,6 +15,12 @@
 enum { OTHER_ROOM = ROOM_PANEL + 1, OBJECTS = OTHER_ROOM + ROOM_FACES };
 enum { BOTH = 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
 #define FRAMES_MAX 128u
+#define FINE_IDS   2048u /* all tiles that scripts look at */
+
+/* Texels of a frame. */
+#define MANY 10000 /* two tiles of a finer level */
+#define SOME 900   /* a sixth of the rooms */
+#define FEW  60
 
 /* A digest of each frame. */
 struct record {
@@ -52,24 +60,31 @@ static uint64_t digest_plane(uint64_t sum, const float *const plane[3], size_t t
     return sum;
 }
 
+static uint64_t digest_tile(uint64_t sum, const struct room_solution *s, lw_tile_id id) {
+    static struct lw_solver_room room;
+    struct lw_solver_tile tile;
+    lw_solver_read_light(s->solver, id, &room, &tile);
+    const size_t texels = (size_t)tile.width * tile.height;
+    sum = digest_plane(sum, tile.direct, texels);
+    sum = digest_plane(sum, tile.indirect, texels);
+    for (uint32_t k = 0; k < LW_TILE_CHANNELS_MAX; k++) sum = digest_plane(sum, tile.shown[k], texels);
+    sum = digest(sum, &tile.sample_count, sizeof tile.sample_count);
+    sum = digest(sum, &tile.error, sizeof tile.error);
+    return digest(sum, &tile.solved_frame, sizeof tile.solved_frame);
+}
+
 static uint64_t digest_frame(const struct run *run) {
     const struct room_solution *s = &run->s;
+    const lw_tile_id *fine;
     const uint64_t counts[] = {s->stats.rays_shadow,   s->stats.rays_bounce,     s->stats.rays_probe,
                                s->stats.texels_solved, s->stats.tiles_converged, s->stats.tiles_shown,
                                s->stats.tiles_solved,  s->stats.tiles_interest,  s->stats.tiles_contributing};
     uint64_t sum = digest(0xcbf29ce484222325u, counts, sizeof counts);
-    for (uint32_t id = 0; id < s->map.tile_count; id++) {
-        struct lw_solver_tile tile;
-        if (s->map.place[id].level) continue;
-        s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
-        const size_t texels = (size_t)tile.width * tile.height;
-        sum = digest_plane(sum, tile.direct, texels);
-        sum = digest_plane(sum, tile.indirect, texels);
-        for (uint32_t k = 0; k < LW_TILE_CHANNELS_MAX; k++) sum = digest_plane(sum, tile.shown[k], texels);
-        sum = digest(sum, &tile.sample_count, sizeof tile.sample_count);
-        sum = digest(sum, &tile.error, sizeof tile.error);
-        sum = digest(sum, &tile.solved_frame, sizeof tile.solved_frame);
-    }
+    for (uint32_t id = 0; id < s->map.plain_count; id++)
+        if (!s->map.place[id].level) sum = digest_tile(sum, s, (lw_tile_id){id});
+    const uint32_t count = s->solver->ops->list_fine ? s->solver->ops->list_fine(s->solver, &fine) : 0;
+    if (count) sum = digest(sum, fine, count * sizeof *fine);
+    for (uint32_t i = 0; i < count; i++) sum = digest_tile(sum, s, fine[i]);
     return sum;
 }
 
@@ -138,16 +153,52 @@ static void begin_split(struct run *run, struct record *record, struct lw_solver
     room_solve_layers(&run->s, scene, room.texels_per_metre, desc, NULL, 0);
 }
 
+/* Finer levels, with room for `tiles` of their tiles. is_sparse: and for those of level 0. */
+static void begin_finer(struct run *run, struct record *record, unsigned threads, uint32_t tiles,
+                        bool is_sparse) {
+    const struct lw_solvers_entry *entry = lw_solvers_at(0);
+    const struct room room = make_rooms();
+    struct lw_solver_desc desc = describe(MANY, threads);
+    struct lw_error err = {0};
+    *run = (struct run){.record = record, .s = {.scene = room_scene(&room)}};
+    struct room_solution *s = &run->s;
+    const struct lw_lightmap_desc density = {.texels_per_metre = room.texels_per_metre * (is_sparse ? 2 : 1)};
+    lw_support_ok(lw_lightmap_build(s->scene, &density, NULL, &err), &err);
+    lw_support_ok(lw_atlas_map_init_finer(&s->map, s->scene, LW_ATLAS_FINER_MAX, FINE_IDS), NULL);
+    lw_support_ok(lw_pose_init(&s->pose, s->scene), NULL);
+    lw_pose_evaluate(&s->pose, s->scene, 0);
+    desc.scene = s->scene;
+    desc.atlas_map = &s->map;
+    desc.fine_when = LW_FINE_AFTER_FRAMES; /* few samples do: it waits for no error */
+    desc.fine_tiles = tiles;
+    lw_support_ok(is_sparse ? lw_sparse_solver_create(entry, &desc, &s->pose, &s->solver, &err)
+                            : entry->create(&desc, &s->pose, &s->solver, &err),
+                  &err);
+}
+
+/* Looks at `count` tiles from the first on of a finer level of an object, and at level 0 of it. */
+static void look_closely(struct run *run, uint32_t object, uint32_t finer, uint32_t count) {
+    const struct lw_atlas_map *map = &run->s.map;
+    const uint32_t level = LW_ATLAS_FINER + finer;
+    uint8_t *wanted = calloc(map->tile_count, 1);
+    assert_non_null(wanted);
+    for (uint32_t id = 0; id < map->plain_count; id++)
+        wanted[id] = map->place[id].level == 0 && map->place[id].object == object;
+    for (uint32_t t = 0; t < count && lw_atlas_map_has_tile(map, object, level, t); t++) {
+        const lw_tile_id id = lw_atlas_map_claim_tile(map, object, level, t);
+        assert_true(id.v != UINT32_MAX);
+        wanted[id.v] = 1;
+    }
+    lw_support_ok(run->s.solver->ops->set_interest(run->s.solver, wanted, NULL), NULL);
+    free(wanted);
+}
+
 static void end(struct run *run) {
     room_finish(&run->s);
     lw_client_lights_finish(&run->client);
 }
 
 /* ---- scripts ---- */
-
-/* Texels of a frame: about a sixth of the rooms; next to nothing. */
-#define SOME 900
-#define FEW  60
 
 static void still(struct record *record, unsigned threads) {
     struct run run;
@@ -279,6 +330,41 @@ static void probes(struct record *record, unsigned threads) {
     end(&run);
 }
 
+/* Looks that jump over all finer levels, at more tiles than there is room for, `frames` frames each, and a
+ * lamp that walks from the second look on. */
+static void look_around_closely(struct run *run, uint32_t tiles, uint32_t jumps, unsigned frames) {
+    const lw_tile_id *fine;
+    uint32_t levels = 0;
+    look(run, 0, OBJECTS, 0);
+    step(run, 24);
+    for (uint32_t jump = 0; jump < jumps; jump++) {
+        look_closely(run, jump % 4, 1 + jump % LW_ATLAS_FINER_MAX, tiles + 2);
+        for (unsigned f = 0; f < frames; f++) {
+            if (jump) move_lamp(run, 0, jump % 2 ? 0.01f : -0.01f);
+            step(run, 1);
+        }
+        const uint32_t count = run->s.solver->ops->list_fine(run->s.solver, &fine);
+        for (uint32_t i = 0; i < count; i++)
+            levels |= 1u << lw_atlas_finer(run->s.map.place[fine[i].v].level);
+    }
+    assert_int_equal(levels, 0x1e);                   /* tiles of each level had light */
+    assert_int_equal(run->s.stats.tiles_fine, tiles); /* all of the room is taken: some have given way */
+}
+
+static void finer(struct record *record, unsigned threads) {
+    struct run run;
+    begin_finer(&run, record, threads, 6, false);
+    look_around_closely(&run, 6, 5, 10);
+    end(&run);
+}
+
+static void sparse(struct record *record, unsigned threads) {
+    struct run run;
+    begin_finer(&run, record, threads, 6, true);
+    look_around_closely(&run, 6, 4, 18);
+    end(&run);
+}
+
 static const struct script {
     const char *name;
     void (*run)(struct record *record, unsigned threads);
@@ -294,6 +380,8 @@ static const struct script {
     {"hidden_and_shown", hidden_and_shown},
     {"kept", kept},
     {"probes", probes},
+    {"finer", finer},
+    {"sparse", sparse},
 };
 #define SCRIPT_COUNT (sizeof scripts / sizeof *scripts)
 

@@ -111,6 +111,24 @@ static void a_round_takes_as_many_frames_as_its_budget_says(void **state) {
     end(&house);
 }
 
+/* A tile that converges before its turn, as when its blocks are judged again, keeps no other one waiting. */
+static void a_round_ends_without_what_converges_in_it(void **state) {
+    (void)state;
+    static struct house house;
+    begin(&house, 4);
+    limit(&house, 2);
+    plan_frame(&house, nothing);
+    assert_false(house.memory.ended);
+    house.fact[2].state = house.fact[3].state = LW_BLOCK_CONVERGED;
+    plan_frame(&house, nothing);
+    assert_int_equal(house.plan.solve.count, 0);
+    assert_true(house.memory.ended);
+    plan_frame(&house, nothing);
+    assert_int_equal(house.memory.round, 2);
+    assert_true(lists(&house.plan.solve, 0) && lists(&house.plan.solve, 1));
+    end(&house);
+}
+
 /* A tile larger than the budget is solved in a frame of its own. */
 static void a_budget_of_nothing_solves_one_tile(void **state) {
     (void)state;
@@ -381,6 +399,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(without_a_budget_a_round_is_a_frame),
         cmocka_unit_test(a_round_takes_as_many_frames_as_its_budget_says),
+        cmocka_unit_test(a_round_ends_without_what_converges_in_it),
         cmocka_unit_test(a_budget_of_nothing_solves_one_tile),
         cmocka_unit_test(a_thousand_equal_priorities_are_taken_in_their_order),
         cmocka_unit_test(what_has_changed_most_comes_first),

@@ -121,7 +121,7 @@ static void test_a_session_has_so_many_fine_tiles(void **state) {
     struct lw_server_interest wanted;
     struct lw_message_interest_tile tile[LW_SESSION_FINE_MAX + 1];
     serving_finer_levels = LW_ATLAS_FINER_MAX;
-    serving_fine_room = 2 * LW_SESSION_FINE_MAX;
+    serving_fine_room = 4 * LW_SESSION_FINE_MAX;
     struct serving *f = serving_start(&(struct lw_server_desc){0});
     int s = serving_dial(f);
     serving_put(s, &(struct lw_message){.type = LW_MESSAGE_HELLO,
@@ -247,6 +247,88 @@ static void test_sessions_take_turns_where_a_relay_asks_for_fewer(void **state) 
     serving_fine_room = 3;
 }
 
+/* Lists LW_SESSION_FINE_MAX tiles of the finest levels, but for the first object's tiles of the second finest
+ * one: others than those with another `part`. */
+static void want_part(const struct serving *f, int s, uint32_t part) {
+    static struct lw_message_interest_tile tile[LW_SESSION_FINE_MAX];
+    uint32_t at = 0;
+    for (uint32_t finer = LW_ATLAS_FINER_MAX; finer >= LW_ATLAS_FINER_MAX - 1; finer--)
+        for (uint32_t o = finer < LW_ATLAS_FINER_MAX; o < SERVING_OBJECTS; o++)
+            for (uint32_t t = 0; lw_atlas_map_has_tile(&f->map, o, LW_ATLAS_FINER + finer, t); t++, at++)
+                if (at / LW_SESSION_FINE_MAX == part)
+                    tile[at % LW_SESSION_FINE_MAX] =
+                        (struct lw_message_interest_tile){o, LW_ATLAS_FINER + finer, t};
+    assert_true(at >= (part + 1) * LW_SESSION_FINE_MAX);
+    serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                        .interest = {.tile = tile, .tile_count = LW_SESSION_FINE_MAX}});
+}
+
+/* Four sessions list as many tiles as there are ids. One that comes after them, and lists few, gets ids for
+ * all of its tiles, and its turns are among the first ones. */
+static void test_greedy_sessions_leave_ids_and_turns_to_others(void **state) {
+    (void)state;
+    enum { GREEDY = 4, FEW = 20, TILES_A_TURN = 4 };
+    serving_finer_levels = LW_ATLAS_FINER_MAX;
+    serving_fine_room = GREEDY * LW_SESSION_FINE_MAX;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    int s[GREEDY + 1];
+    for (uint32_t i = 0; i <= GREEDY; i++) s[i] = dial_finer(f);
+    for (uint32_t i = 0; i < GREEDY; i++) {
+        want_part(f, s[i], i);
+        serving_expect_silence(s[i]); /* the server has read it */
+    }
+    want_first(s[GREEDY], 3, FEW);
+    serving_expect_silence(s[GREEDY]);
+    const lw_tile_id last = lw_atlas_map_find_tile(&f->map, 0, LW_ATLAS_FINER + 3, FEW - 1);
+    assert_true(last.v != UINT32_MAX);
+    struct lw_server_interest wanted = {0};
+    do {
+        free(wanted.levels);
+        LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted));
+    } while (wanted.everything || !wanted.levels[last.v]);
+    for (uint32_t t = 0; t < FEW; t++) {
+        const lw_tile_id id = lw_atlas_map_find_tile(&f->map, 0, LW_ATLAS_FINER + 3, t);
+        assert_true(id.v != UINT32_MAX);
+        assert_int_equal(wanted.levels[id.v], 1 + t / TILES_A_TURN);
+    }
+    uint32_t early = 0, all = 0;
+    for (uint32_t k = f->map.plain_count; k < f->map.tile_count; k++) {
+        early += wanted.levels[k] && wanted.levels[k] <= FEW / TILES_A_TURN;
+        all += wanted.levels[k] != 0;
+    }
+    assert_int_equal(early, (GREEDY + 1) * FEW);
+    assert_in_range(all, GREEDY * LW_SESSION_FINE_MAX / 2, GREEDY * LW_SESSION_FINE_MAX);
+    free(wanted.levels);
+    for (uint32_t i = 0; i <= GREEDY; i++) close(s[i]);
+    serving_end(f);
+    serving_finer_levels = 0;
+    serving_fine_room = 3;
+}
+
+/* Numbers of finer levels and tiles that the scene does not have. */
+static void test_no_such_fine_tile(void **state) {
+    (void)state;
+    serving_finer_levels = 2;
+    struct serving *f = serving_start(&(struct lw_server_desc){0});
+    const struct lw_message_interest_tile none[] = {
+        {0, LW_ATLAS_FINER, 0},                      /* level 0 has another number */
+        {0, LW_ATLAS_FINER + 3, 0},                  /* there are two levels */
+        {0, LW_ATLAS_FINER + LW_ATLAS_FINER_ALL, 0}, /* a server's own */
+        {0, LW_ATLAS_FINER + 1, 7 * 4},              /* 400 x 200 texels: 7 x 4 tiles */
+        {SERVING_OBJECTS, LW_ATLAS_FINER + 1, 0},
+    };
+    for (size_t i = 0; i < sizeof none / sizeof *none; i++) {
+        const int s = dial_finer(f);
+        serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                            .interest = {.tile = &none[i], .tile_count = 1}});
+        serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
+        close(s);
+    }
+    assert_int_equal(lw_fine_ids_free_count(f->map.fine), serving_fine_room);
+    serving_end(f);
+    serving_finer_levels = 0;
+}
+
 /* A relay drops a tile: in a snapshot it has no version. Then its id is another tile's, whose version may be
  * smaller. */
 static void test_a_dropped_tile_leaves_nothing_to_the_next(void **state) {
@@ -302,6 +384,8 @@ int main(void) {
         cmocka_unit_test(test_ids_of_fine_tiles_go_to_others),
         cmocka_unit_test(test_a_session_has_so_many_fine_tiles),
         cmocka_unit_test(test_sessions_take_turns_where_a_relay_asks_for_fewer),
+        cmocka_unit_test(test_greedy_sessions_leave_ids_and_turns_to_others),
+        cmocka_unit_test(test_no_such_fine_tile),
         cmocka_unit_test(test_a_dropped_tile_leaves_nothing_to_the_next),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

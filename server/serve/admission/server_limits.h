@@ -46,6 +46,7 @@
  * room, so a slow reader skips versions. */
 #define LW_SERVER_QUEUE_MAX   (256u << 10)
 #define LW_SESSION_FINE_MAX   1024u /* tiles of finer levels that a session may list; the rest are left out */
+#define LW_SESSION_FINE_SHARE 64u   /* for the first of them other sessions leave ids */
 #define LW_SERVER_ANSWERS_MAX 4096u /* to updates, that wait for a session to read them; more end it */
 #define LW_SERVER_BURST_MS    100u  /* a session under a rate limit may have this much of it at once */
 

@@ -2,6 +2,7 @@
 
 #include "common/base/clock.h"
 #include "common/base/invariant.h"
+#include "server/serve/sessions/fine_turns.h"
 #include "server/serve/sessions/session_private.h"
 
 #include <inttypes.h>
@@ -226,10 +227,13 @@ static bool name_tile(const struct lw_session *s, const struct lw_message_intere
     const struct lw_atlas_map *map = s->shared->atlas_map;
     const bool is_fine = lw_atlas_finer(t->level);
     if (!lw_atlas_map_has_tile(map, t->object, t->level, t->tile) || (is_fine && !s->has_finer)) return false;
-    *out_id = is_fine && *fine >= LW_SESSION_FINE_MAX
-                  ? UINT32_MAX
-                  : lw_atlas_map_claim_tile(map, t->object, t->level, t->tile).v;
-    *fine += is_fine;
+    *out_id = lw_atlas_map_find_tile(map, t->object, t->level, t->tile).v;
+    if (!is_fine) return true;
+    if (*fine >= LW_SESSION_FINE_MAX)
+        *out_id = UINT32_MAX;
+    else if (*out_id == UINT32_MAX && lw_fine_turns_may_claim(map, *fine))
+        *out_id = lw_atlas_map_claim_tile(map, t->object, t->level, t->tile).v;
+    ++*fine;
     return true;
 }
 

@@ -47,6 +47,12 @@ static void count_taker(struct lw_session *s, bool more) {
     }
 }
 
+static bool has_fine(const struct lw_session *s) {
+    for (uint32_t i = 0; i < s->interest.tile_count; i++)
+        if (s->interest.tile[i] >= s->shared->atlas_map->plain_count) return true;
+    return false;
+}
+
 static void count_in(struct lw_session *s, const struct lw_session_interest *interest) {
     if (interest->everything)
         lw_interest_union_add_everything(&s->shared->interest_union);
@@ -101,6 +107,7 @@ bool lw_session_interest_take_up(struct lw_session *s) {
         /* in this order, so that a tile of both is never without interest */
         count_in(s, &s->interest);
         count_out(s, &before);
+        s->shared->interest_union.changed |= has_fine(s); /* turns may be others */
     }
     lw_session_interest_free(s, &before);
     s->settled_due = s->frame_sent > 0;

@@ -41,7 +41,8 @@ static bool allocate(struct lw_interest_set *interest) {
     return interest->level && interest->hits && interest->importance;
 }
 
-enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const uint8_t *level) {
+enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const uint8_t *level,
+                                       uint32_t plain) {
     if (!level) {
         interest->scope = LW_INTEREST_EVERYTHING;
         return LW_OK;
@@ -51,6 +52,7 @@ enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const u
         return LW_NO_MEMORY;
     }
     memcpy(interest->level, level, interest->ids);
+    for (uint32_t id = plain; id < interest->ids; id++) interest->level[id] = level[id] != 0;
     interest->scope = LW_INTEREST_NOTHING;
     for (uint32_t id = 0; id < interest->ids; id++)
         if (level[id]) interest->scope = LW_INTEREST_TILES;

@@ -31,8 +31,10 @@ void lw_interest_set_finish(struct lw_interest_set *interest);
 size_t lw_interest_set_memory_bytes(const struct lw_interest_set *interest);
 
 /** Takes the interest set. level: per lw_tile_id, as above; NULL: everything. Entries of coarser levels than
- * 0 are not read. Errors: LW_NO_MEMORY; the interest is then as before. */
-LW_MUST_CHECK enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const uint8_t *level);
+ * 0 are not read. From id `plain` on tiles are of finer levels: their entries say whether they are of
+ * interest. Errors: LW_NO_MEMORY; the interest is then as before. */
+LW_MUST_CHECK enum lw_status lw_interest_set_replace(struct lw_interest_set *interest, const uint8_t *level,
+                                                     uint32_t plain);
 
 /** 0: nobody looks at the tile; else 1 + the finest level. */
 static inline uint8_t lw_interest_set_level(const struct lw_interest_set *interest, lw_tile_id id) {

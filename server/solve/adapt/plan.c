@@ -350,7 +350,8 @@ static void note_left(struct lw_plan_memory *memory, const struct lw_plan_input 
         const struct lw_plan_fact *fact = &in->fact[i];
         struct lw_plan_tile *tile = &memory->tile[fact->id.v];
         const bool changed = fact->invalidated && !tile->work && fact->state != LW_BLOCK_CONVERGED;
-        tile->waiting &= tile->work != LW_TILE_WORK_ALL;
+        /* a tile may converge while it waits, as when its blocks are judged again after a movement */
+        tile->waiting &= tile->work != LW_TILE_WORK_ALL && fact->state != LW_BLOCK_CONVERGED;
         memory->ended &= !tile->waiting && !changed;
         memory->changed_solves += tile->work == LW_TILE_WORK_INVALIDATED;
         if (changed && LW_PLAN_STALE - reason_of(fact) > memory->changed_left)
