@@ -463,10 +463,12 @@ const char lw_gl_shaders_scene_fragment[] =
     "void directed(out float factor, out float gain) {\n"
     "    vec3 n = f_plain, r = g_direction;\n"
     "    float long2 = dot(r, r);\n"
+    "    factor = gain = 1.0;\n"
+    "    if (long2 <= SHORT * SHORT) return;\n" /* not known */
     "    r *= inversesqrt(max(long2, 1.0));\n"
     "    vec3 u = r + (max(-dot(r, n), 0.0) - 2.0 / 3.0) * n;\n"
     "    float rise = 1.2 * dot(u, n), w = min(rise + sqrt(rise * rise + 1.8 * dot(u, u)), 1.0);\n"
-    "    bool even = long2 <= SHORT * SHORT || w <= SHORT;\n"
+    "    bool even = w <= SHORT;\n"
     "    vec3 d = even ? n : normalize(u / max(w, SHORT) + 2.0 / 3.0 * n);\n"
     "    if (even) w = 0.0;\n"
     "    float own = dot(d, n), bent = dot(d, f_normal), wide = 0.5 * (1.0 - w);\n"

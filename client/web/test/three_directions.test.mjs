@@ -191,7 +191,8 @@ const look = (places) => {
     const bent = material.normalMap ? normal(bentTexel.map((x) => (2 * x) / 255 - 1)) : plain;
     const texel = texelAt(placed.directions.map, lerp(attributes.uv2, 2, hit.face, at));
     const r = new THREE.Vector3(...texel.map((x) => 2 * x - 1));
-    const known = r.lengthSq() <= 1.5;
+    if (texel.every((x) => !x)) r.set(0, 0, 0);
+    const known = r.lengthSq() > 0.02 ** 2;
     r.applyQuaternion(scene.quaternion);
     const uniform = placed.directions.uniforms.lightwellDirections;
     const map = uniform.value;
@@ -223,7 +224,6 @@ const scaled = (a, s) => a.map((x) => x * s);
 function sourceOf(r, n) {
   const even = { direction: n, share: 0 };
   const long2 = dot(r, r);
-  if (!(long2 > 0.02 ** 2)) return even;
   if (long2 > 1) r = scaled(r, 1 / Math.sqrt(long2));
   r = mad(r, n, Math.max(-dot(r, n), 0));
   const u = mad(r, n, -2 / 3);
