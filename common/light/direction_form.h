@@ -21,8 +21,13 @@
  * E/pi of the even part, and the source as a spherical Gaussian, blurred by the mirror's lobe, that brings
  * its share of E:
  *
- *     l = 2 + 12 w / (1.02 - w)       k = l q / (l + q), q = 1 / (2 alpha^2)      t = 2 / (2 + l)
- *     L(m) pi / E = 1 - w + w k exp(k (m.d - 1)) / (2 c (1 - exp(-2 k))),  c = (1 - t) n.d + t (1 + n.d) / 4
+ *     l = 2 + 12 w / (1.02 - w)       k = l q / (l + q), q = 1 / (2 alpha^2)
+ *     L(m) pi / E = 1 - w + w k exp(k (m.d - 1)) / (2 c (1 - exp(-2 k)))
+ *     c = (h + sqrt(h^2 + 1 / (4 + k pi/2))) / 2, h = (coth k - 1 / k) n.d
+ *
+ * c is about the integral of that Gaussian times the cosine above the surface: h is the integral over both
+ * sides, and n.d = 0 has the limits 1/4 of k = 0 and 1 / sqrt(2 pi k). So white mirrors send back as much as
+ * arrives.
  *
  * docs/lab/direction.md compares both with other forms. After: Hazel 2015 (Geomerics; a direction beside E),
  * Wang et al. 2009 (lobes as spherical Gaussians). */
@@ -98,10 +103,11 @@ static inline float lw_direction_factor(const struct lw_direction_source *source
 static inline float lw_direction_gain(const struct lw_direction_source *source, struct lw_vec3 n,
                                       struct lw_vec3 mirrored, float alpha) {
     const float w = source->share, sharp = 2 + 12 * w / (1.02f - w), q = 0.5f / (alpha * alpha),
-                k = sharp * q / (sharp + q), t = 2 / (2 + sharp), along = lw_vec3_dot(source->direction, n);
-    const float cosine = fmaxf((1 - t) * along + 0.25f * t * (1 + along), 0.05f);
+                k = sharp * q / (sharp + q), behind = expf(-2 * k);
+    const float high = ((1 + behind) / (1 - behind) - 1 / k) * lw_vec3_dot(source->direction, n);
+    const float cosine = fmaxf(0.5f * (high + sqrtf(high * high + 1 / (4 + 0.5f * LW_PI * k))), 0.05f);
     const float lobe =
-        k * expf(k * (lw_vec3_dot(mirrored, source->direction) - 1)) / (2 * cosine * (1 - expf(-2 * k)));
+        k * expf(k * (lw_vec3_dot(mirrored, source->direction) - 1)) / (2 * cosine * (1 - behind));
     return fminf(1 - w + w * lobe, LW_DIRECTION_GAIN_MAX);
 }
 

@@ -691,8 +691,7 @@ static void test_directions_unknown(void **state) {
     finish(&w);
 }
 
-/* Directions of any bits: no pixel is no number, negative, or brighter than the bounds of direction_form.h let
- * light from everywhere be. */
+/* Directions of any bits: no pixel is no number, negative, or above the bounds of direction_form.h. */
 static void test_directions_hostile(void **state) {
     (void)state;
     struct world w;

@@ -20,8 +20,9 @@ vec2 directed(vec3 r, vec3 n, vec3 m, vec3 ahead, float alpha) {
   vec2 lobe = (1.0 - wide) * max(along, 0.0) + wide * 0.5 * (1.0 + along);
   float factor = 1.0 + wide * dot(n, m - n) + w * (lobe.y - lobe.x) / max(lobe.x, 0.05);
   float sharp = 2.0 + 12.0 * w / (1.02 - w), q = 0.5 / (alpha * alpha), k = sharp * q / (sharp + q);
-  float t = 2.0 / (2.0 + sharp), cosine = max((1.0 - t) * along.x + 0.25 * t * (1.0 + along.x), 0.05);
-  float gain = k * exp(k * (min(dot(ahead, d), 1.0) - 1.0)) / (2.0 * cosine * (1.0 - exp(-2.0 * k)));
+  float behind = exp(-2.0 * k), high = ((1.0 + behind) / (1.0 - behind) - 1.0 / k) * along.x;
+  float cosine = max(0.5 * (high + sqrt(high * high + 1.0 / (4.0 + 1.5708 * k))), 0.05);
+  float gain = k * exp(k * (min(dot(ahead, d), 1.0) - 1.0)) / (2.0 * cosine * (1.0 - behind));
   return clamp(vec2(factor, 1.0 - w + w * gain), vec2(0), vec2(4, 8));
 }
 `;
