@@ -578,9 +578,9 @@ static double mirrored_from(const struct stuff *stuff, struct lw_vec3 from) {
 }
 
 /* A mirror sends back what the split-sum table says of the side that light comes from. By the Gaussian and
- * its cosine white metal sends back 0.95 to 1.18 of that. Gloss sends back at most 4 % of E more, for its rim is
- * that of the eye's side. Where an eye meets the bound of the gain, light is lost. Quadrature: both halves of
- * the eyes agree to 0.001 of E. */
+ * its cosine white metal sends back 0.95 to 1.18 of that. Gloss sends back at most 4 % of E more: its rim
+ * is that of the eye's side. Where an eye meets the bound of the gain, light is lost. Quadrature: both
+ * halves of the eyes agree to 0.001 of E. */
 static bool check_energy(const struct stuff *stuff, float cosine, float share) {
     const struct lw_vec3 from = slanted(cosine), r = lw_vec3_mad(lw_vec3_scale(from, share), lw_vec3(0, 0, 1),
                                                                  (1 - share) * LW_DIRECTION_EVEN);
