@@ -8,6 +8,8 @@
 #include "client/measure/figures/flip.h"
 #include "client/view/compose/antialias.h"
 #include "client/view/tonemap.h"
+#include "common/base/random.h"
+#include "common/light/direction_form.h"
 #include "common/open/scene_open.h"
 #include "common/shading/tangent.h"
 
@@ -634,6 +636,84 @@ static void test_directions(void **state) {
     }
 }
 
+/* Panels with finishes, light in tiles, and planes of directions in which nothing is known. */
+static void start_without_directions(struct world *w) {
+    struct lw_error err = {0};
+    struct lw_scene *scene = finished_panels();
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 30}, NULL, &err),
+                  &err);
+    start_lit(w, scene, 0.5f, 1, "none");
+    w->view.camera = lw_camera_look_at(lw_vec3(0.3f, 3, 2.2f), lw_vec3(0, 0, 0.1f), 1);
+}
+
+/* Calls a function of each number of all planes of directions, and tells clients that they are others. */
+static void change_directions(struct world *w, float (*change)(uint32_t number)) {
+    uint32_t number = 0;
+    for (uint32_t o = 0; o < w->scene->object_count; o++)
+        for (uint32_t k = 0; k < w->map.atlas[o]->level_count; k++) {
+            const struct lw_atlas_level *l = &w->map.atlas[o]->level[k];
+            float *at = w->direction[o * LW_ATLAS_LEVELS_MAX + k];
+            for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++) at[i] = change(number++);
+        }
+    for (uint32_t t = 0; t < w->map.tile_count; t++) w->tile[t].direction_version++;
+}
+
+static float nothing(uint32_t number) {
+    (void)number;
+    return 0;
+}
+
+static float any_number(uint32_t number) {
+    const uint32_t bits = lw_random_hash2(number, 5);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return number / 48 % 2 ? value : (float)(bits % 4001) / 1000 - 2;
+}
+
+/* Where no direction is known, both pictures are those without directions. */
+static void test_directions_unknown(void **state) {
+    (void)state;
+    struct world w;
+    start_without_directions(&w);
+    draw(&w);
+    float *before = malloc(sizeof(float) * 6 * PIXELS);
+    assert_non_null(before);
+    memcpy(before, w.by_cpu, sizeof(float) * 3 * PIXELS);
+    memcpy(before + 3ul * PIXELS, w.by_gl, sizeof(float) * 3 * PIXELS);
+    fill_directions(&w);
+    draw(&w);
+    assert_true(difference_of(before, w.by_cpu) > 1e-3);
+    change_directions(&w, nothing);
+    draw(&w);
+    assert_true(difference_of(before, w.by_cpu) < 1e-6);
+    assert_true(difference_of(before + 3ul * PIXELS, w.by_gl) < 1e-4);
+    free(before);
+    finish(&w);
+}
+
+/* Directions of any bits: no pixel is no number, negative, or above the bounds of direction_form.h. */
+static void test_directions_hostile(void **state) {
+    (void)state;
+    struct world w;
+    start_without_directions(&w);
+    draw(&w);
+    float *before = malloc(sizeof(float) * 6 * PIXELS);
+    assert_non_null(before);
+    memcpy(before, w.by_cpu, sizeof(float) * 3 * PIXELS);
+    memcpy(before + 3ul * PIXELS, w.by_gl, sizeof(float) * 3 * PIXELS);
+    fill_directions(&w);
+    change_directions(&w, any_number);
+    draw(&w);
+    const float most = fmaxf(LW_DIRECTION_FACTOR_MAX, LW_DIRECTION_GAIN_MAX) * 1.02f;
+    assert_true(difference_of(before + 3ul * PIXELS, w.by_gl) > 1e-3);
+    for (size_t i = 0; i < (size_t)3 * PIXELS; i++) {
+        assert_true(w.by_cpu[i] >= 0 && w.by_cpu[i] <= most * before[i] + 1e-3f);
+        assert_true(w.by_gl[i] >= 0 && w.by_gl[i] <= most * before[i + 3ul * PIXELS] + 1e-3f);
+    }
+    free(before);
+    finish(&w);
+}
+
 static void test_finished_atrium(void **state) {
     (void)state;
     test_drawn("builtin:atrium", NULL, 1);
@@ -962,16 +1042,28 @@ static void test_sponza(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_atrium),          cmocka_unit_test(test_part_of_the_light),
-        cmocka_unit_test(test_cornell),         cmocka_unit_test(test_panels),
-        cmocka_unit_test(test_no_light),        cmocka_unit_test(test_shows),
-        cmocka_unit_test(test_moved_caster),    cmocka_unit_test(test_draw_calls),
-        cmocka_unit_test(test_show_and_meter),  cmocka_unit_test(test_uploads),
-        cmocka_unit_test(test_survey),          cmocka_unit_test(test_pack),
-        cmocka_unit_test(test_sizes),           cmocka_unit_test(test_sponza),
-        cmocka_unit_test(test_drawn_cornell),   cmocka_unit_test(test_drawn_atrium),
-        cmocka_unit_test(test_drawn_sponza),    cmocka_unit_test(test_finishes),
-        cmocka_unit_test(test_finishes_arrive), cmocka_unit_test(test_directions),
+        cmocka_unit_test(test_atrium),
+        cmocka_unit_test(test_part_of_the_light),
+        cmocka_unit_test(test_cornell),
+        cmocka_unit_test(test_panels),
+        cmocka_unit_test(test_no_light),
+        cmocka_unit_test(test_shows),
+        cmocka_unit_test(test_moved_caster),
+        cmocka_unit_test(test_draw_calls),
+        cmocka_unit_test(test_show_and_meter),
+        cmocka_unit_test(test_uploads),
+        cmocka_unit_test(test_survey),
+        cmocka_unit_test(test_pack),
+        cmocka_unit_test(test_sizes),
+        cmocka_unit_test(test_sponza),
+        cmocka_unit_test(test_drawn_cornell),
+        cmocka_unit_test(test_drawn_atrium),
+        cmocka_unit_test(test_drawn_sponza),
+        cmocka_unit_test(test_finishes),
+        cmocka_unit_test(test_finishes_arrive),
+        cmocka_unit_test(test_directions),
+        cmocka_unit_test(test_directions_unknown),
+        cmocka_unit_test(test_directions_hostile),
         cmocka_unit_test(test_finished_atrium),
     };
     return cmocka_run_group_tests(tests, NULL, close_scenes);

@@ -338,6 +338,47 @@ static void instances_count_towards_the_limits(void **state) {
     lw_scene_destroy(scene);
 }
 
+/* An object of one mesh, whose last triangle is of another material than the others. */
+static bool has_bumps(const struct lw_finish *first, const struct lw_finish *last, bool unlit) {
+    const uint32_t number[3] = {0, 0, 1};
+    struct lw_material material[2] = {{.finish = first}, {.finish = last, .unlit = unlit}};
+    struct lw_mesh mesh = {.triangle_count = 3, .material = number};
+    struct lw_object object = {.mesh = 0};
+    const struct lw_scene scene = {.material = material,
+                                   .material_count = 2,
+                                   .mesh = &mesh,
+                                   .mesh_count = 1,
+                                   .object = &object,
+                                   .object_count = 1};
+    return lw_scene_object_has_bumps(&scene, 0);
+}
+
+/* --directional auto: objects with a normal map, a texture of roughness, or roughness under 0.6. */
+static void bumps_and_gloss_ask_for_directions(void **state) {
+    (void)state;
+    const struct lw_texture_use none = {.texture = LW_SCENE_NONE}, some = {.texture = 0};
+    const struct lw_finish even = {.roughness = 1,
+                                   .ior = 1.5f,
+                                   .surface_texture = none,
+                                   .specular_texture = none,
+                                   .occlusion_texture = none,
+                                   .normal_texture = none};
+    struct lw_finish normals = even, roughnesses = even, smooth = even, rough = even, others = even;
+    normals.normal_texture = roughnesses.surface_texture = some;
+    others.specular_texture = others.occlusion_texture = some;
+    smooth.roughness = 0.59f, rough.roughness = 0.61f;
+    assert_true(LW_SCENE_ROUGH > 0.59f && LW_SCENE_ROUGH < 0.61f);
+    const struct lw_finish *const asks[] = {&normals, &roughnesses, &smooth};
+    const struct lw_finish *const does_not[] = {NULL, &even, &rough, &others};
+    for (size_t i = 0; i < sizeof asks / sizeof *asks; i++) {
+        assert_true(has_bumps(asks[i], NULL, false));
+        assert_true(has_bumps(NULL, asks[i], false)); /* one triangle is enough */
+        assert_false(has_bumps(NULL, asks[i], true)); /* unlit: no light at all */
+    }
+    for (size_t i = 0; i < sizeof does_not / sizeof *does_not; i++)
+        assert_false(has_bumps(does_not[i], does_not[i], false));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(storage_is_zeroed_and_aligned),
@@ -350,6 +391,7 @@ int main(void) {
         cmocka_unit_test(names_that_are_no_utf8_are_refused),
         cmocka_unit_test(names_in_messages_stay_on_one_short_line),
         cmocka_unit_test(instances_count_towards_the_limits),
+        cmocka_unit_test(bumps_and_gloss_ask_for_directions),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -227,15 +227,16 @@ LW_WIDE static void direct_all(const struct lw_gloss16 *restrict g,
         const float lobe_own = (1 - wide) * most(own, 0) + wide * 0.5f * (1 + own),
                     lobe_bent = (1 - wide) * most(bent, 0) + wide * 0.5f * (1 + bent);
         const float turned = nx * (mx - nx) + ny * (my - ny) + nz * (mz - nz);
-        factor[i] = inside(1 + wide * turned + w * (lobe_bent - lobe_own) / most(lobe_own, 0.05f), 0,
-                           LW_DIRECTION_FACTOR_MAX);
+        const float bends = wide * turned + w * (lobe_bent - lobe_own) / most(lobe_own, 0.05f);
+        factor[i] = inside(known ? 1 + bends : 1, 0, LW_DIRECTION_FACTOR_MAX);
         const float sharp = 2 + 12 * w / (1.02f - w), q = 0.5f / (seen->alpha[i] * seen->alpha[i]),
-                    k = sharp * q / (sharp + q), t = 2 / (2 + sharp);
-        const float cosine = most((1 - t) * own + 0.25f * t * (1 + own), 0.05f);
+                    k = sharp * q / (sharp + q), behind = exp_of(-2 * k);
+        const float high = ((1 + behind) / (1 - behind) - 1 / k) * own;
+        const float cosine = most(0.5f * (high + sqrtf(high * high + 1 / (4 + 0.5f * LW_PI * k))), 0.05f);
         const float facing = 2 * seen->cosine[i];
         const float along = (facing * mx - seen->eye[0][i]) * dx + (facing * my - seen->eye[1][i]) * dy +
                             (facing * mz - seen->eye[2][i]) * dz;
-        const float lobe = k * exp_of(k * (least(along, 1) - 1)) / (2 * cosine * (1 - exp_of(-2 * k)));
+        const float lobe = k * exp_of(k * (least(along, 1) - 1)) / (2 * cosine * (1 - behind));
         gain[i] = least(1 - w + w * lobe, LW_DIRECTION_GAIN_MAX);
     }
 }

@@ -15,7 +15,7 @@ export interface TileBatch {
   others: OtherTile[]; // of other channels than these
 }
 
-/** Where a tile's light comes from (common/light/direction_form.h), by half and a half more. */
+/** Where the light of a tile comes from (common/light/direction_form.h), by half and a half more. */
 export interface DirectionTile {
   id: number;
   texels: Uint32Array<ArrayBuffer>; // RGB9E5; 0: not known

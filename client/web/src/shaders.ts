@@ -368,11 +368,12 @@ bool isThere(Footprint f) {
 
 #ifdef FINISH
 uniform float directions; // layers from light to where it comes from; 0: that is not known
-vec3 direction = vec3(0); // of the light that was read last, by half and a half more; 0: not known
+vec3 fromTexel(vec3 texel);
+vec3 direction = vec3(0); // of the light that was read last; 0: not known
 #endif
 vec3 irradianceAt(Footprint f) {
 #ifdef FINISH
-  if (directions > 0.0) direction = texture(pages, f.place + vec3(0, 0, directions)).rgb;
+  if (directions > 0.0) direction = fromTexel(texture(pages, f.place + vec3(0, 0, directions)).rgb);
 #endif
   return lightUnit * texture(pages, f.place).rgb;
 }
@@ -553,7 +554,7 @@ void main() {
   }
 #ifdef FINISH
   vec3 ahead = reflect(-seen.v, seen.n);
-  vec2 by = directed(direction * 2.0 - 1.0, seen.plain, seen.n, ahead, seen.alpha);
+  vec2 by = directed(direction, seen.plain, seen.n, ahead, seen.alpha);
   vec3 leaving = occlusion * everywhere(seen, e, by.x, by.y) + emission;
 #ifdef DIRECT
   leaving += directLight(seen) * ${1 / Math.PI};

@@ -196,13 +196,11 @@ export class Tiles {
     return out;
   }
 
-  /** Vectors of 3 numbers from -1 to 1 as RGB9E5, by half and a half more; 0 of what is 0. */
+  /** Vectors of 3 numbers from -1 to 1 as RGB9E5, by half and a half more. */
   packDirections(xyz: Float32Array): Uint32Array<ArrayBuffer> {
     const { unit } = this;
     const half = xyz.map((x) => (0.5 + 0.5 * Math.min(1, Math.max(-1, x))) * unit);
-    const out = this.packAll(half) as Uint32Array<ArrayBuffer>;
-    for (let i = 0; i < out.length; i++) if (!(xyz[3 * i] || xyz[3 * i + 1] || xyz[3 * i + 2])) out[i] = 0;
-    return out;
+    return this.packAll(half) as Uint32Array<ArrayBuffer>;
   }
 
   /** Decompresses one zstd frame of `size` bytes; null if it is none. */

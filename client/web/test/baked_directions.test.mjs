@@ -34,7 +34,7 @@ const forms = {
   own: \`vec3 bentIrradiance(vec3 E, vec2 at, vec3 n, vec3 m) {
     vec3 u = texture2D(directions, at).rgb - 2.0 / 3.0 * n;
     float up = 1.2 * dot(u, n), w = min(up + sqrt(up * up + 1.8 * dot(u, u)), 1.0), s = 0.5 * (1.0 - w);
-    vec3 d = normalize(u / max(w, 0.02) + 2.0 / 3.0 * n);
+    vec3 d = w > 0.02 ? normalize(u / w + 2.0 / 3.0 * n) : n;
     vec2 along = vec2(dot(d, n), dot(d, m)), lobe = (1.0 - s) * max(along, 0.0) + s * 0.5 * (1.0 + along);
     float factor = 1.0 + s * dot(n, m - n) + w * (lobe.y - lobe.x) / max(lobe.x, 0.05);
     return E * clamp(factor, 0.0, 4.0);

@@ -280,6 +280,30 @@ void main() {
   check(bent.map((x) => x - 1e-9), 'what is mirrored is above the surface');
 });
 
+gpuTest('factor and gain of any direction are within their bounds, of none 1', async (floatsOf) => {
+  const values = await floatsOf(`${HOSTILE}
+void main() {
+  Seen s = hostile();
+  vec3 r = some(-1.0, 1e4) * vec3(some(-1.0, 1.0), some(-1.0, 1.0), some(-1.0, 1.0));
+  value.rg = directed(r, s.plain, s.n, reflect(-s.v, s.n), s.alpha) / vec2(4, 8);
+  value.ba = directed(0.01 * direction(), s.plain, s.n, reflect(-s.v, s.n), s.alpha);
+}`);
+  const bad = values.findIndex((x, at) => ((at & 3) < 2 ? !(x >= 0 && x <= 1) : x !== 1));
+  assert.ok(bad < 0, `fragment ${bad >> 2}: ${values.slice(bad & ~3, (bad & ~3) + 4)}`);
+  assert.ok(Math.max(...values.filter((_, at) => (at & 3) < 2)) === 1, 'some meet the bounds');
+  const texels = await floatsOf(
+    `void main() {
+  vec3 texel = vec3(0.25 * floor(gl_FragCoord.x));
+  value.rgb = gl_FragCoord.y < 1.0 ? fromTexel(texel) : vec3(0);
+}`,
+    4,
+  );
+  assert.deepEqual(
+    [0, 1, 2, 3].map((i) => texels[4 * i]),
+    [0, -0.5, 0, 0.5],
+  );
+});
+
 gpuTest('a white metal in an even light sends back all of it', async (floatsOf) => {
   const values = await floatsOf(
     `

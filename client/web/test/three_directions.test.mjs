@@ -76,6 +76,13 @@ const begin = async ([address, options]) => {
     return map;
   };
   globalThis.unknown = texel(0, 0, 0);
+  globalThis.noLight = texel(128, 128, 128);
+  const bits = Uint8Array.from({ length: 64 * 64 * 4 }, (_, i) => {
+    const word = Math.imul((i >> 2) * 3 + (i & 3) + 1, 0x9e3779b1) >>> 8;
+    return i % 5 ? word : 255 * (word & 1);
+  });
+  globalThis.wild = new THREE.DataTexture(bits, 64, 64);
+  wild.needsUpdate = true;
   globalThis.bentTexel = [168, 222, 150];
   globalThis.normalMap = texel(...bentTexel);
   scene.traverse(({ material }) => {
@@ -128,7 +135,7 @@ async function attach(page, daemon, options) {
 const end = () => {
   light.dispose();
   normalMap.dispose();
-  unknown.dispose();
+  for (const texture of [unknown, noLight, wild]) texture.dispose();
 };
 
 /** In the page: one pixel of each of many places, with directions over without; and what it is made of. */
@@ -191,18 +198,23 @@ const look = (places) => {
     const bent = material.normalMap ? normal(bentTexel.map((x) => (2 * x) / 255 - 1)) : plain;
     const texel = texelAt(placed.directions.map, lerp(attributes.uv2, 2, hit.face, at));
     const r = new THREE.Vector3(...texel.map((x) => 2 * x - 1));
-    const known = r.lengthSq() <= 1.5;
+    if (texel.every((x) => !x)) r.set(0, 0, 0);
+    const known = r.lengthSq() > 0.02 ** 2;
     r.applyQuaternion(scene.quaternion);
     const uniform = placed.directions.uniforms.lightwellDirections;
     const map = uniform.value;
     const directed = draw();
-    uniform.value = unknown;
-    const even = draw();
+    const [even, dark, hostile] = [unknown, noLight, wild].map((texture) => {
+      uniform.value = texture;
+      return draw();
+    });
     uniform.value = map;
     const ahead = to.clone().reflect(plain);
     if (even > 0)
       found.push({
         ratio: directed / even,
+        dark: dark / even,
+        hostile: hostile / even,
         mirror: !material.normalMap,
         known,
         ...Object.fromEntries(
@@ -223,7 +235,6 @@ const scaled = (a, s) => a.map((x) => x * s);
 function sourceOf(r, n) {
   const even = { direction: n, share: 0 };
   const long2 = dot(r, r);
-  if (!(long2 > 0.02 ** 2)) return even;
   if (long2 > 1) r = scaled(r, 1 / Math.sqrt(long2));
   r = mad(r, n, Math.max(-dot(r, n), 0));
   const u = mad(r, n, -2 / 3);
@@ -247,15 +258,18 @@ function factorOf({ direction, share }, n, m) {
 function gainOf({ direction, share: w }, n, ahead, alpha) {
   const sharp = 2 + (12 * w) / (1.02 - w);
   const q = 0.5 / alpha ** 2;
-  const [k, t, along] = [(sharp * q) / (sharp + q), 2 / (2 + sharp), dot(direction, n)];
-  const cosine = Math.max((1 - t) * along + 0.25 * t * (1 + along), 0.05);
+  const k = (sharp * q) / (sharp + q);
+  const high = (1 / Math.tanh(k) - 1 / k) * dot(direction, n);
+  const cosine = Math.max((high + Math.sqrt(high ** 2 + 1 / (4 + (Math.PI * k) / 2))) / 2, 0.05);
   const lobe = (k * Math.exp(k * (dot(ahead, direction) - 1))) / (2 * cosine * (1 - Math.exp(-2 * k)));
   return Math.min(1 - w + w * lobe, 8);
 }
 
 function check(found, what) {
   const spread = { bent: [], mirror: [] };
-  for (const { ratio, mirror, known, r, plain, bent, ahead } of found) {
+  for (const { ratio, dark, hostile, mirror, known, r, plain, bent, ahead } of found) {
+    assert.equal(dark, 1, `${what}: nothing is known`);
+    assert.ok(hostile >= 0 && hostile <= (mirror ? 8 : 4) * 1.01, `${what}: ${hostile} of any bits`);
     const source = sourceOf(r, plain);
     const [kind, wanted] = mirror
       ? ['mirror', gainOf(source, plain, ahead, 0.3 ** 2)]

@@ -52,9 +52,12 @@ export function lightmapOf({ atlasWidth, atlasHeight }: MeshShape): Lightmap | n
   return atlasWidth && atlasHeight ? emptyMap(atlasWidth, atlasHeight) : null;
 }
 
-/** Texels of 0. */
-export function emptyMap(width: number, height: number): Lightmap {
-  const texels = new Uint32Array(width * height);
+/** RGB9E5 of 1/2, which a map of directions has for 0: not known. */
+export const UNKNOWN = (15 << 27) | (256 << 18) | (256 << 9) | 256;
+
+/** Texels of one word. */
+export function emptyMap(width: number, height: number, word = 0): Lightmap {
+  const texels = new Uint32Array(width * height).fill(word);
   const texture = new THREE.DataTexture(texels, width, height);
   Object.assign(texture, RGB9E5);
   texture.magFilter = texture.minFilter = THREE.LinearFilter;

@@ -21,7 +21,7 @@ import { Feature, type Frame, INTEREST_MAX } from '../src/wire.ts';
 import { FinePool, SLOTS_MAX } from './fine_pool.ts';
 import { Follower } from './follow.ts';
 import { Gather } from './gather.ts';
-import { type AnyRenderer, emptyMap, isWebGL, takeTile, upload } from './lightmaps.ts';
+import { type AnyRenderer, emptyMap, isWebGL, takeTile, UNKNOWN, upload } from './lightmaps.ts';
 import { startWorker } from './start.ts';
 import { Survey } from './survey.ts';
 import { Changes, hideLights, type Placed, placeObjects } from './swap.ts';
@@ -596,7 +596,7 @@ export class Lightwell {
     const { directions, lightmap } = this.placed[place.object] ?? {};
     if (!directions || !lightmap) return;
     if (!directions.map) {
-      const { texture } = (directions.map = emptyMap(lightmap.width, lightmap.height));
+      const { texture } = (directions.map = emptyMap(lightmap.width, lightmap.height, UNKNOWN));
       this.changes.add(() => texture.dispose());
       directions.uniforms.lightwellDirections.value = texture;
     }

@@ -100,14 +100,14 @@ const finerMaps = (lines: string) =>
 const DIRECTED_SHADER = `
 uniform highp sampler2D lightwellDirections;
 uniform mat4 lightwellRoot;
-${DIRECTED.replace(' directed(', ' lightwellDirected(')}`;
+${DIRECTED.replace(' directed(', ' lightwellDirected(').replace(' fromTexel(', ' lightwellFromTexel(')}`;
 
 /** The same with factor and gain of light that comes from somewhere. */
 const directedMaps = (lines: string, smooth: boolean) =>
   lines.replace(
     'irradiance += lightMapIrradiance;',
     `#define LIGHTWELL_BY
-vec3 lightwellFrom = texture2D( lightwellDirections, vLightMapUv ).rgb * 2.0 - 1.0;
+vec3 lightwellFrom = lightwellFromTexel( texture2D( lightwellDirections, vLightMapUv ).rgb );
 lightwellFrom = mat3( lightwellRoot ) * lightwellFrom / length( lightwellRoot[ 0 ].xyz );
 vec2 lightwellBy = lightwellDirected( mat3( viewMatrix ) * lightwellFrom, nonPerturbedNormal, normal,
   reflect( - geometryViewDir, normal ), ${smooth ? 'material.roughness * material.roughness' : '1.0'} );

@@ -6,7 +6,7 @@ import * as THREE from 'three';
 import { MATERIAL_TEXELS, type MeshShape, type SceneData } from '../src/geometry.ts';
 import { LightKind } from '../src/package.ts';
 import type { FinePool, FinerUniforms } from './fine_pool.ts';
-import { CHANNEL, emptyMap, lightmapOf, type Lightmap } from './lightmaps.ts';
+import { CHANNEL, emptyMap, lightmapOf, type Lightmap, UNKNOWN } from './lightmaps.ts';
 import { type DirectionUniforms, materialsOf, readsDirections, withServersLight } from './materials.ts';
 
 const COLOUR_EPS = 1e-3; // of a light's colours, relative
@@ -24,7 +24,7 @@ export interface Placed {
 /** Where the light of an object's lightmap comes from. */
 export interface Directions {
   uniforms: DirectionUniforms;
-  map: Lightmap | null; // by half and a half more, 0: not known; null: none has come
+  map: Lightmap | null; // by half and a half more; null: none has come
 }
 
 /** What has been done to a scene, to be undone from the last to the first. */
@@ -74,7 +74,7 @@ export function placeObjects(
   });
   const names = new Set(data.objectName);
   const geometries = new Map<number, THREE.BufferGeometry>();
-  const unknown = directed ? emptyMap(1, 1).texture : null;
+  const unknown = directed ? emptyMap(1, 1, UNKNOWN).texture : null;
   if (unknown) changes.add(() => unknown.dispose());
   return Array.from(data.objectMesh, (index, object) => {
     const node = nodes.get(data.objectName[object]!);
