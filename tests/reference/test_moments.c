@@ -213,7 +213,7 @@ static void test_bounds(void **state) {
     end(&l);
 }
 
-/* ---- bounds of what is shown ---- */
+/* ---- bounds of shown planes ---- */
 
 /* A ball over a floor, under two lamps, at night: edges of shadow cross its seams. It is turned. */
 static void begin_ball(struct lit *l, unsigned frames) {
