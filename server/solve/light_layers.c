@@ -216,12 +216,19 @@ static size_t sums_bytes(const struct layers *s) {
            (s->solved_frame ? s->desc.atlas_map->tile_count * sizeof *s->solved_frame : 0);
 }
 
-/* One plane of every layer, and by what each is weighed: its intensity in the plane's colour, or in all
- * where the plane is no colour of light. */
+/* One plane of every layer, and by what each is weighed: its intensity in the plane's colour. */
 struct terms {
     const float *plane[LW_LIGHT_GROUPS_MAX];
     float weight[LW_LIGHT_GROUPS_MAX];
 };
+
+/* Puts a sum into the plane of a tile; returns whether it is another than before. */
+static bool put_sum(const struct lw_solve_tile *place, const float *sum, float *plane) {
+    const size_t size = (size_t)place->width * place->height * sizeof *sum;
+    if (memcmp(plane + place->first, sum, size) == 0) return false;
+    memcpy(plane + place->first, sum, size);
+    return true;
+}
 
 /* The weighted sum of one plane of a tile; returns whether it is another than before. */
 static bool sum_plane(const struct layers *s, lw_tile_id id, const struct terms *terms, float *plane) {
@@ -234,23 +241,55 @@ static bool sum_plane(const struct layers *s, lw_tile_id id, const struct terms 
         if (!(weight > 0)) continue;
         for (uint32_t i = 0; i < texels; i++) sum[i] += weight * light[i];
     }
-    if (memcmp(plane + place->first, sum, texels * sizeof *sum) == 0) return false;
-    memcpy(plane + place->first, sum, texels * sizeof *sum);
-    return true;
+    return put_sum(place, sum, plane);
 }
 
-static bool sum_channel(const struct layers *s, lw_tile_id id, uint32_t channel) {
-    const bool colours = lw_tile_channel_at(channel)->coding == LW_TILE_CODING_LIGHT;
+/* By what weights change the luminance of a texel's light: by what its moment is weighed. So the moment of
+ * light of one colour is exact, and no longer than the light allows. */
+static float moment_weight(const struct layer *layer, const float *const *light, size_t texel) {
+    const float *w = layer->weight;
+    const struct lw_vec3 e = lw_vec3(light[0][texel], light[1][texel], light[2][texel]);
+    const float solved = lw_colour_luminance(e),
+                now = lw_colour_luminance(lw_vec3(w[0] * e.x, w[1] * e.y, w[2] * e.z));
+    return solved > 0 && now > 0 ? now / solved : 0;
+}
+
+/* The sum of the cosine moments of a tile; returns whether it is another than before. */
+static bool sum_moments(const struct layers *s, lw_tile_id id, uint32_t channel) {
+    const struct lw_solve_tile *place = tile_of(s->layer, id);
+    const uint32_t form = lw_tile_channel_at(channel)->follows;
+    float sum[3][LW_TILE_SIDE * LW_TILE_SIDE] = {{0}};
+    for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
+        const float *const *light = (const float *const *)tiles_of(layer)->shown[form];
+        const float *const *moment = (const float *const *)tiles_of(layer)->shown[channel];
+        const bool is_grey = layer->weight[0] == layer->weight[1] && layer->weight[1] == layer->weight[2];
+        if (is_off(layer)) continue;
+        for (uint32_t i = 0; i < place->width * place->height; i++) {
+            const size_t texel = place->first + i;
+            const float weight = is_grey ? layer->weight[0] : moment_weight(layer, light, texel);
+            for (int p = 0; p < 3; p++) sum[p][i] += weight * moment[p][texel];
+        }
+    }
+    bool other = false;
+    for (int p = 0; p < 3; p++) other |= put_sum(place, sum[p], s->shown[channel][p]);
+    return other;
+}
+
+static bool sum_light(const struct layers *s, lw_tile_id id, uint32_t channel) {
     bool other = false;
     for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
         struct terms terms;
         for (uint32_t k = 0; k < s->count; k++) {
             terms.plane[k] = tiles_of(&s->layer[k])->shown[channel][p];
-            terms.weight[k] = colours ? s->layer[k].weight[p] : mean_weight(&s->layer[k]);
+            terms.weight[k] = s->layer[k].weight[p];
         }
         other |= sum_plane(s, id, &terms, s->shown[channel][p]);
     }
     return other;
+}
+
+static bool sum_channel(const struct layers *s, lw_tile_id id, uint32_t channel) {
+    return (lw_tile_channel_at(channel)->moment ? sum_moments : sum_light)(s, id, channel);
 }
 
 /* Sums a tile; returns whether it shows another light than before. */

@@ -1,6 +1,7 @@
 #include "server/solve/shown.h"
 
 #include "common/base/invariant.h"
+#include "server/solve/filter/moment_bounds.h"
 
 /* Seams that hold an object which has begun to move may do so a little longer, if they are sought later. */
 static enum lw_status find_seams(struct lw_shown *s, struct lw_error *err) {
@@ -51,6 +52,7 @@ enum lw_status lw_shown_weld(struct lw_shown *s, uint64_t frame, struct lw_error
     enum lw_status status = find_seams(s, err);
     if (status != LW_OK) return status;
     lw_seams_weld(seams, &s->welds, s->channels, s->tiles, frame, s->threads);
+    lw_moment_bounds_keep(s->tiles, &s->geometry->pose, frame, s->channels, s->threads);
     lw_seam_gutters_fill(&seams->gutters, s->tiles, frame, s->channels, s->threads);
     return LW_OK;
 }

@@ -18,6 +18,8 @@
 static const uint8_t delta_payload[] = {2, 8, 0, 0, 0, 0x66, 0x48, 1, 0, 0}; /* one texel */
 static const uint8_t tile_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31, 0,
                                        0,    0,    0,    0,    0x3c, 0x38, 0x34};
+static const uint8_t direction_payload[] = {0x28, 0xb5, 0x2f, 0xfd, 0x20, 0x06, 0x31, 0,
+                                            0,    0,    0,    0,    0x40, 0xbc, 0}; /* 2, -1, 0 */
 static const struct lw_message_interest_tile seventeenth_objects[] = {{17, 0, 2}};
 static const struct lw_message_interest_tile interest_tiles[] = {{0, 4, 0}, {17, 0, 35}};
 static const struct lw_message_held held[] = {{17, 0, 2, 300}};
@@ -267,6 +269,45 @@ static const struct golden {
                .error = 0.125f,
                .payload = tile_payload,
                .payload_size = sizeof tile_payload}}},
+    {"hello_directions.bin",
+     {.type = LW_MESSAGE_HELLO,
+      .hello = {.version = 1, .features = LW_FEATURE_DCT | LW_FEATURE_DIRECTION, .name = "stranger"}}},
+    {"welcome_directions.bin",
+     {.type = LW_MESSAGE_WELCOME,
+      .welcome = {.version = 1,
+                  .features = LW_FEATURE_DCT | LW_FEATURE_DIRECTION,
+                  .session = 42,
+                  .name = "lightwelld 0.1.0",
+                  .package_hash = {{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 255}},
+                  .package_size = 1000000,
+                  .package_compressed_size = 300000,
+                  .bounces = 2,
+                  .target_error = 0.0625f}}},
+    {"tile_direction.bin",
+     {.type = LW_MESSAGE_TILE,
+      .tile = {.object = 2,
+               .level = 3,
+               .version = 300,
+               .layer = LW_TILE_CHANNEL_DIRECTION,
+               .codec = LW_TILE_CODEC_HALF_ZSTD,
+               .scale = 0.25f,
+               .bounces = 2,
+               .error = 0.125f,
+               .payload = direction_payload,
+               .payload_size = sizeof direction_payload}}},
+    {"tile_direction_split.bin",
+     {.type = LW_MESSAGE_TILE,
+      .tile = {.object = 2,
+               .level = 3,
+               .version = 301,
+               .layer = LW_TILE_CHANNEL_DIRECTION_SPLIT,
+               .codec = LW_TILE_CODEC_DCT,
+               .scale = 0.125f,
+               .bounces = 2,
+               .error = 0.125f,
+               .payload = delta_payload,
+               .payload_size = sizeof delta_payload,
+               .base = 300}}},
     {"settled.bin", {.type = LW_MESSAGE_SETTLED, .settled = {300}}},
     {"ack.bin", {.type = LW_MESSAGE_ACK, .ack = {300}}},
     {"hello_operate.bin",
@@ -529,7 +570,11 @@ static void test_examples_of_the_document(void **state) {
                                        "waiting.bin",
                                        "hello_materials.bin",
                                        "welcome_finishes.bin",
-                                       "finish_request_held.bin"};
+                                       "finish_request_held.bin",
+                                       "hello_directions.bin",
+                                       "welcome_directions.bin",
+                                       "tile_direction.bin",
+                                       "tile_direction_split.bin"};
     size_t size;
     char *document = (char *)lw_support_read_file(lw_support_source("proto/wire_format.md"), &size);
     for (unsigned i = 0; i < sizeof file / sizeof *file; i++) {
@@ -561,11 +606,33 @@ static void test_tile_payload(void **state) {
     lw_tile_codec_destroy(codec);
 }
 
+/* The same payloads as directions: three planes of either sign. */
+static void test_direction_payload(void **state) {
+    (void)state;
+    const struct lw_tile_channel *channel = lw_tile_channel_at(LW_TILE_CHANNEL_DIRECTION);
+    struct lw_tile_codec *codec;
+    float r[3];
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    lw_support_ok(lw_tile_codec_decode(codec, channel, LW_TILE_CODEC_HALF_ZSTD, direction_payload,
+                                       sizeof direction_payload, 0.25f, 1, 1, NULL, r),
+                  NULL);
+    assert_true(r[0] == 0.5f && r[1] == -0.25f && r[2] == 0);
+    assert_int_equal(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_HALF_ZSTD, direction_payload,
+                                          sizeof direction_payload, 0.25f, 1, 1, NULL, r),
+                     LW_BAD_DATA); /* light has no sign */
+    static struct lw_tile_dct_coefficients coefficients;
+    lw_support_ok(lw_tile_codec_decode_delta(codec, channel, LW_TILE_CODEC_DCT, delta_payload,
+                                             sizeof delta_payload, 0.125f, 1, 1, &coefficients, r),
+                  NULL);
+    assert_true(fabsf(r[0] - 0.125f) < 1e-6f && r[1] == 0 && r[2] == 0);
+    lw_tile_codec_destroy(codec);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_valid),        cmocka_unit_test(test_invalid),
         cmocka_unit_test(test_folder),       cmocka_unit_test(test_examples_of_the_document),
-        cmocka_unit_test(test_tile_payload),
+        cmocka_unit_test(test_tile_payload), cmocka_unit_test(test_direction_payload),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -11,8 +11,8 @@
 /* Payloads of codec 4 that must stay readable for ever, and payloads that must stay refused. tile_decoder.mjs
  * reads the same files. NAME.tile: u32 width, u32 height, f32 scale, payload, little-endian. NAME.rgb: the
  * texels, or no file if it is to be refused. NAME.next, of the same form, builds on NAME.tile, and
- * NAME.next.rgb has its texels, or is not there. LW_GOLDEN_WRITE=1 writes them again (then look at the
- * difference: there should be none). */
+ * NAME.next.rgb has its texels, or is not there. A name that begins with direction_ is of layer 2, all others
+ * are light. LW_GOLDEN_WRITE=1 writes them again (then look at the difference: there should be none). */
 
 #define FOLDER    "tests/golden/tiles/"
 #define HEAD_SIZE 12u
@@ -49,13 +49,49 @@ static void make_light(uint32_t width, uint32_t height, float noise) {
     }
 }
 
+/* Directions as there are: two surfaces whose light comes from either side, some texels without light. */
+static void make_directions(uint32_t width, uint32_t height, float noise) {
+    for (uint32_t i = 0; i < width * height; i++) {
+        const float x = (float)(i % width), y = (float)(i / width);
+        const bool is_left = x + 0.5f * y < 0.6f * (float)width, is_dark = lw_random_hash(i) % 16 == 0;
+        const float even[3] = {is_left ? -0.7f : 0.2f, 0.4f - 0.01f * y, is_left ? 0.1f : -0.6f};
+        for (uint32_t c = 0; c < 3; c++) {
+            const float random = lw_random_unit(lw_random_hash2(i, c)) - 0.5f;
+            rgb[i * 3 + c] = is_dark ? 0 : fmaxf(fminf(even[c] + noise * random, 1), -1);
+        }
+    }
+}
+
 static const struct {
     const char *name;
     uint32_t width, height;
     float noise, step;
-} valid[] = {
-    {"one_texel", 1, 1, 0, 0.1f}, {"one_block", 8, 8, 0.1f, 0.25f}, {"cut_off", 20, 13, 0.3f, 0.0625f},
-    {"row", 64, 1, 0.1f, 1},      {"fine", 16, 16, 1, 0},           {"whole", 64, 64, 0.5f, 0.5f}};
+} valid[] = {{"one_texel", 1, 1, 0, 0.1f},
+             {"one_block", 8, 8, 0.1f, 0.25f},
+             {"cut_off", 20, 13, 0.3f, 0.0625f},
+             {"row", 64, 1, 0.1f, 1},
+             {"fine", 16, 16, 1, 0},
+             {"whole", 64, 64, 0.5f, 0.5f},
+             {"direction_one_texel", 1, 1, 0, 0.1f},
+             {"direction_cut_off", 20, 13, 0.1f, 0.0625f},
+             {"direction_fine", 16, 16, 0.4f, 0},
+             {"direction_whole", 64, 64, 0.2f, 0.25f}};
+
+/* NULL: light. */
+static const struct lw_tile_channel *channel_of(const char *name) {
+    const bool is_direction = strncmp(name, "direction_", 10) == 0;
+    return is_direction ? lw_tile_channel_at(LW_TILE_CHANNEL_DIRECTION) : NULL;
+}
+
+static struct lw_tile_dct_source source_of(size_t i) {
+    const struct lw_tile_channel *channel = channel_of(valid[i].name);
+    (channel ? make_directions : make_light)(valid[i].width, valid[i].height, valid[i].noise);
+    return (struct lw_tile_dct_source){.channel = channel,
+                                       .rgb = rgb,
+                                       .width = valid[i].width,
+                                       .height = valid[i].height,
+                                       .step = valid[i].step};
+}
 
 /* A change of such a file that makes it one which no reader accepts. */
 static const struct {
@@ -63,32 +99,34 @@ static const struct {
     int cut, add; /* bytes at the end; a byte of that value is added */
     size_t at;    /* a byte of the payload that is set */
     uint8_t to;
-} invalid[] = {{"invalid_empty", "one_texel", 1000, -1, 0, 0},  {"invalid_cut", "whole", 1, -1, 0, 1},
-               {"invalid_cut_twice", "whole", 2, -1, 0, 1},     {"invalid_longer", "whole", 0, 0, 0, 1},
-               {"invalid_rest", "one_block", 0, 128, 0, 1},     {"invalid_kind", "one_block", 0, -1, 0, 2},
-               {"invalid_kind_zero", "one_block", 0, -1, 0, 0}, {"invalid_step", "one_block", 0, -1, 1, 73},
-               {"invalid_length", "one_texel", 0, -1, 5, 0x7f}};
+} invalid[] = {{"invalid_empty", "one_texel", 1000, -1, 0, 0},
+               {"invalid_cut", "whole", 1, -1, 0, 1},
+               {"invalid_cut_twice", "whole", 2, -1, 0, 1},
+               {"invalid_longer", "whole", 0, 0, 0, 1},
+               {"invalid_rest", "one_block", 0, 128, 0, 1},
+               {"invalid_kind", "one_block", 0, -1, 0, 2},
+               {"invalid_kind_zero", "one_block", 0, -1, 0, 0},
+               {"invalid_step", "one_block", 0, -1, 1, 73},
+               {"invalid_length", "one_texel", 0, -1, 5, 0x7f},
+               {"direction_invalid_gain", "direction_one_texel", 0, -1, 4, 1},
+               {"direction_invalid_cut", "direction_whole", 1, -1, 0, 1}};
 
-/* Deltas, of a tile that grows brighter in one corner: on `valid` of that name. */
-static const char *const next[] = {"cut_off", "whole"};
+/* Deltas, of a tile that grows in its first rows: on `valid` of that name. */
+static const char *const next[] = {"cut_off", "whole", "direction_cut_off", "direction_whole"};
 
 static void write_valid(void) {
     for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
         const uint32_t size_of[] = {valid[i].width, valid[i].height};
         struct lw_tile_dct_coded coded;
-        make_light(valid[i].width, valid[i].height, valid[i].noise);
-        lw_support_ok(
-            lw_tile_codec_encode_dct(
-                codec,
-                &(struct lw_tile_dct_source){
-                    .rgb = rgb, .width = valid[i].width, .height = valid[i].height, .step = valid[i].step},
-                NULL, file_bytes + HEAD_SIZE, NULL, sizeof file_bytes - HEAD_SIZE, &coded),
-            NULL);
+        const struct lw_tile_dct_source source = source_of(i);
+        lw_support_ok(lw_tile_codec_encode_dct(codec, &source, NULL, file_bytes + HEAD_SIZE, NULL,
+                                               sizeof file_bytes - HEAD_SIZE, &coded),
+                      NULL);
         memcpy(file_bytes, size_of, sizeof size_of);
         memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
         lw_support_write_file(path_of(valid[i].name, ".tile"), file_bytes, HEAD_SIZE + coded.size);
-        lw_support_ok(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE, coded.size,
-                                           coded.scale, valid[i].width, valid[i].height, NULL, rgb),
+        lw_support_ok(lw_tile_codec_decode(codec, source.channel, LW_TILE_CODEC_DCT, file_bytes + HEAD_SIZE,
+                                           coded.size, coded.scale, source.width, source.height, NULL, rgb),
                       NULL);
         lw_support_write_file(path_of(valid[i].name, ".rgb"), rgb,
                               (size_t)valid[i].width * valid[i].height * 12);
@@ -101,12 +139,10 @@ static void write_next(void) {
     for (size_t n = 0; n < sizeof next / sizeof *next; n++)
         for (size_t i = 0; i < sizeof valid / sizeof *valid; i++) {
             const uint32_t size_of[] = {valid[i].width, valid[i].height};
-            struct lw_tile_dct_source source = {
-                .rgb = rgb, .width = valid[i].width, .height = valid[i].height, .step = valid[i].step};
             struct lw_tile_dct_coded coded;
             if (strcmp(next[n], valid[i].name) != 0) continue;
+            const struct lw_tile_dct_source source = source_of(i);
             history = (struct lw_tile_dct_history){.scale = 0};
-            make_light(valid[i].width, valid[i].height, valid[i].noise);
             for (int version = 0; version < 2; version++) {
                 lw_support_ok(lw_tile_codec_encode_dct(codec, &source, &history, payload,
                                                        file_bytes + HEAD_SIZE, sizeof payload, &coded),
@@ -116,8 +152,8 @@ static void write_next(void) {
             memcpy(file_bytes, size_of, sizeof size_of);
             memcpy(file_bytes + 8, &coded.scale, sizeof coded.scale);
             lw_support_write_file(path_of(valid[i].name, ".next"), file_bytes, HEAD_SIZE + coded.delta_size);
-            lw_support_ok(lw_tile_codec_decode(codec, NULL, LW_TILE_CODEC_DCT, payload, coded.size,
-                                               coded.scale, valid[i].width, valid[i].height, NULL, rgb),
+            lw_support_ok(lw_tile_codec_decode(codec, source.channel, LW_TILE_CODEC_DCT, payload, coded.size,
+                                               coded.scale, source.width, source.height, NULL, rgb),
                           NULL);
             lw_support_write_file(path_of(valid[i].name, ".next.rgb"), rgb,
                                   (size_t)valid[i].width * valid[i].height * 12);
@@ -149,8 +185,8 @@ static bool decode(const char *name, bool is_next, struct lw_tile_dct_coefficien
     uint8_t *bytes = lw_support_read_file(path_of(name, is_next ? ".next" : ".tile"), &size);
     memcpy(out_head, bytes, sizeof *out_head);
     enum lw_status status = (is_next ? lw_tile_codec_decode_delta : lw_tile_codec_decode)(
-        codec, NULL, LW_TILE_CODEC_DCT, bytes + HEAD_SIZE, size - HEAD_SIZE, out_head->scale, out_head->width,
-        out_head->height, coefficients, rgb);
+        codec, channel_of(name), LW_TILE_CODEC_DCT, bytes + HEAD_SIZE, size - HEAD_SIZE, out_head->scale,
+        out_head->width, out_head->height, coefficients, rgb);
     free(bytes);
     assert_true(status == LW_OK || status == LW_BAD_DATA);
     return status == LW_OK;
@@ -161,7 +197,7 @@ static void expect_texels(const char *name, const char *suffix, const struct hea
     float *expected = (float *)lw_support_read_file(path_of(name, suffix), &size);
     assert_int_equal(size, (size_t)head->width * head->height * 12);
     for (uint32_t i = 0; i < head->width * head->height * 3; i++)
-        assert_true(fabsf(rgb[i] - expected[i]) <= 0.0001f * (expected[i] + head->scale));
+        assert_true(fabsf(rgb[i] - expected[i]) <= 0.0001f * (fabsf(expected[i]) + head->scale));
     free(expected);
 }
 

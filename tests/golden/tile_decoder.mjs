@@ -5,7 +5,8 @@
 //
 // decodes each FOLDER/*.tile (u32 width, u32 height, f32 scale, payload) and compares it with the f32 texels in the .rgb of
 // that name; where there is none, the payload must be refused. NAME.next, of the same form, builds on NAME.tile and is compared
-// with NAME.next.rgb. Exit code 1 if anything differs.
+// with NAME.next.rgb. Files whose names begin with direction_ are of layer 2: x, y, z. All others are light. Exit code 1 if
+// anything differs.
 import { readFileSync, readdirSync } from 'node:fs';
 
 class Bits {
@@ -227,55 +228,66 @@ function restorePlane(lists, width, height, step) {
   return plane;
 }
 
-// base: the levels of the version that this one builds on, or undefined. Returns texels and levels.
-export function decodeTile(payload, scale, width, height, base) {
-  if (payload.length < 5 || payload[0] !== (base ? 2 : 1) || payload[1] > 72) throw new Error('kind or step');
-  if (!(scale > 0) || !(scale <= 2 ** 60)) throw new Error('scale');
-  const step = 2 ** (1 - payload[1] / 8);
-  const gain = [2, 3, 4].map((i) => 2 ** (((payload[i] << 24) >> 24) / 512));
-  const levels = readLevels(payload.subarray(5), width, height, payload[0]);
-  if (base) levels.forEach((lists, p) => add(lists, base[p]));
-  const [Y, O, P] = levels.map((lists) => restorePlane(lists, width, height, step));
-  const light = (x, c) => scale * gain[c] * (2 ** Math.min(Math.max(x, 0), 63) - 1);
-  const rgb = [];
-  for (let y = 0; y < height; y++)
-    for (let x = 0; x < width; x++)
-      rgb.push(light(Y[y][x] - P[y][x] + O[y][x], 0), light(Y[y][x] + P[y][x], 1),
-               light(Y[y][x] - P[y][x] - O[y][x], 2));
-  return { rgb, levels };
+const gainsOf = (payload) => [2, 3, 4].map((i) => (payload[i] << 24) >> 24);
+
+// The three channels of light at a place, from Y, O, P.
+function lightOf([y, o, p], scale, gains) {
+  return [y - p + o, y + p, y - p - o].map((log, c) => {
+    const gain = 2 ** (gains[c] / 512);
+    return scale * gain * (2 ** Math.min(Math.max(log, 0), 63) - 1);
+  });
 }
 
-function decodeFile(path, base) {
+// base: the levels of the version that this one builds on, or undefined. isDirection: the planes are x, y, z of either sign,
+// over scale. Returns texels and levels.
+export function decodeTile(payload, scale, width, height, base, isDirection) {
+  if (payload.length < 5 || payload[0] !== (base ? 2 : 1) || payload[1] > 72) throw new Error('kind or step');
+  if (!(scale > 0) || !(scale <= 2 ** 60)) throw new Error('scale');
+  const step = 2 ** (1 - payload[1] / 8), gains = gainsOf(payload);
+  if (isDirection && gains.some((gain) => gain !== 0)) throw new Error('gains');
+  const levels = readLevels(payload.subarray(5), width, height, payload[0]);
+  if (base) levels.forEach((lists, p) => add(lists, base[p]));
+  const planes = levels.map((lists) => restorePlane(lists, width, height, step));
+  const texels = [];
+  for (let y = 0; y < height; y++)
+    for (let x = 0; x < width; x++) {
+      const values = planes.map((plane) => plane[y][x]);
+      texels.push(...(isDirection ? values.map((value) => value * scale) : lightOf(values, scale, gains)));
+    }
+  return { texels, levels };
+}
+
+function decodeFile(path, base, isDirection) {
   const file = readFileSync(path);
   const width = file.readUInt32LE(0), height = file.readUInt32LE(4), scale = file.readFloatLE(8);
-  return decodeTile(file.subarray(12), scale, width, height, base);
+  return decodeTile(file.subarray(12), scale, width, height, base, isDirection);
 }
 
 // What is wrong with texels, or ''.
-function compare(rgb, path, scale) {
+function compare(texels, path, scale) {
   const expected = readFileSync(path);
-  if (expected.length !== rgb.length * 4) return 'the size is wrong';
-  for (let i = 0; i < rgb.length; i++) {
+  if (expected.length !== texels.length * 4) return 'the size is wrong';
+  for (let i = 0; i < texels.length; i++) {
     const e = expected.readFloatLE(i * 4);
-    if (!(Math.abs(rgb[i] - e) <= 0.0001 * (e + scale))) return `value ${i} is ${rgb[i]}, not ${e}`;
+    if (!(Math.abs(texels[i] - e) <= 0.0001 * (Math.abs(e) + scale))) return `value ${i} is ${texels[i]}, not ${e}`;
   }
   return '';
 }
 
 // What is wrong with a file, or ''.
 function check(folder, name, names) {
-  const path = `${folder}/${name}`, isNext = name.endsWith('.next');
-  const base = isNext ? decodeFile(path.replace('.next', '.tile')).levels : undefined;
+  const path = `${folder}/${name}`, isNext = name.endsWith('.next'), isDirection = name.startsWith('direction_');
+  const base = isNext ? decodeFile(path.replace('.next', '.tile'), undefined, isDirection).levels : undefined;
   const expected = isNext ? `${name}.rgb` : name.replace('.tile', '.rgb');
   const known = names.includes(expected);
   let decoded;
   try {
-    decoded = decodeFile(path, base);
+    decoded = decodeFile(path, base, isDirection);
   } catch (error) {
     return known ? error.message : '';
   }
   if (!known) return 'it should have been refused';
-  return compare(decoded.rgb, `${folder}/${expected}`, readFileSync(path).readFloatLE(8));
+  return compare(decoded.texels, `${folder}/${expected}`, readFileSync(path).readFloatLE(8));
 }
 
 const folder = process.argv[2];

@@ -654,16 +654,45 @@ static void godot_reads_sh(void **state) {
 /* Some 0.6 M texels: 230 MB at once. */
 #define LARGE "builtin:cornell --texels-per-metre 150 --threads 2 --bounces 2 --samples 4"
 
+/* The mean over the covered texels of a map of vectors. */
+static struct lw_vec3 mean_vector(const char *file, const char *folder) {
+    float *rgba;
+    uint32_t width, height, count = 0;
+    struct lw_error err = {0};
+    struct lw_vec3 sum = lw_vec3(0, 0, 0);
+    lw_support_ok(lw_image_read_exr_rgba(in(folder, file), &rgba, &width, &height, &err), &err);
+    for (size_t i = 0; i < (size_t)width * height * 4; i += 4) {
+        if (!(rgba[i + 3] > 0)) continue;
+        sum = lw_vec3_add(sum, lw_vec3(rgba[i], rgba[i + 1], rgba[i + 2]));
+        count++;
+    }
+    free(rgba);
+    assert_true(count > 0);
+    return lw_vec3_scale(sum, 1 / (float)count);
+}
+
+static void expect_same_directions(const char *a, const char *b) {
+    for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) {
+        char file[64];
+        snprintf(file, sizeof file, "directions/%s", cornell_maps[i]);
+        const struct lw_vec3 one = mean_vector(file, a), other = mean_vector(file, b);
+        assert_true(i > 0 || one.y > 0.5f); /* the floor has its light from above */
+        if (!(lw_vec3_length(lw_vec3_sub(one, other)) < 0.03f))
+            fail_msg("%s: (%g, %g, %g) and (%g, %g, %g)", file, (double)one.x, (double)one.y, (double)one.z,
+                     (double)other.x, (double)other.y, (double)other.z);
+    }
+}
+
 static void tile_by_tile_it_is_the_same_light(void **state) {
     (void)state;
     char at_once[256], by_tile[256];
     snprintf(at_once, sizeof at_once, "%s", lw_support_temporary("at-once"));
     snprintf(by_tile, sizeof by_tile, "%s", lw_support_temporary("by-tile"));
-    assert_int_equal(bake(LARGE " -o %s --convention radiosity", at_once), 0);
+    assert_int_equal(bake(LARGE " -o %s --convention radiosity --directional", at_once), 0);
     char *said = lw_process_err(&process);
     assert_null(strstr(said, "tile by tile"));
     free(said);
-    assert_int_equal(bake(LARGE " -o %s --convention radiosity --memory 150", by_tile), 0);
+    assert_int_equal(bake(LARGE " -o %s --convention radiosity --directional --memory 150", by_tile), 0);
     said = lw_process_err(&process);
     assert_non_null(strstr(said, "now tile by tile"));
     free(said);
@@ -678,6 +707,7 @@ static void tile_by_tile_it_is_the_same_light(void **state) {
         if (fabs(mean - other) > tolerance * other || square > 0.05 * other * other)
             fail_msg("%s: %g tile by tile, %g at once; mean square %g", cornell_maps[i], mean, other, square);
     }
+    expect_same_directions(by_tile, at_once);
 }
 
 /* Killed in the middle, it goes on with the tiles that are finished. */

@@ -5,6 +5,8 @@
 #include "common/base/clock.h"
 #include "common/base/log.h"
 #include "common/base/sanitizer.h"
+#include "common/base/vec.h"
+#include "common/tile/tile_channels.h"
 
 #include <math.h>
 #include <signal.h>
@@ -25,20 +27,24 @@ struct run {
     struct lw_client *client;
 };
 
-static const char *folder; /* the test's */
+static const char *folder;   /* the test's */
+static bool asks_directions; /* who joins */
 
 static void begin(struct run *run, const char *arguments) {
     char all[512];
     struct lw_error err = {0};
     snprintf(all, sizeof all, "%s --keep %s", arguments, folder);
     lw_process_serve(&run->daemon, all);
-    lw_support_ok(lw_client_create(&(struct lw_client_desc){.host = "127.0.0.1",
-                                                            .port = run->daemon.port,
-                                                            .name = "test_keep",
-                                                            .control = true,
-                                                            .timeout_ms = LIMIT_S * 1000},
-                                   &run->client, &err),
-                  &err);
+    lw_support_ok(
+        lw_client_create(
+            &(struct lw_client_desc){.host = "127.0.0.1",
+                                     .port = run->daemon.port,
+                                     .name = "test_keep",
+                                     .control = true,
+                                     .channel_features = asks_directions ? LW_TILE_CHANNELS_DIRECTION : 0,
+                                     .timeout_ms = LIMIT_S * 1000},
+            &run->client, &err),
+        &err);
 }
 
 static void poll_once(struct run *run) {
@@ -115,6 +121,7 @@ static int choose_folder(void **state) {
     static char path[256];
     char name[32];
     (void)state;
+    asks_directions = false;
     snprintf(name, sizeof name, "kept%u", number++);
     snprintf(path, sizeof path, "%s", lw_support_temporary(name));
     folder = path;
@@ -146,6 +153,46 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
         assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
         end(&run);
     }
+}
+
+/* Sum of directions over the texels of level 0; returns how many have one. */
+static uint32_t sum_directions(const struct lw_client *client, struct lw_vec3 *out_sum) {
+    uint32_t known = 0;
+    *out_sum = lw_vec3(0, 0, 0);
+    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
+        const struct lw_client_level level = lw_client_get_level(client, o, 0);
+        for (uint32_t i = 0; level.direction && i < level.width * level.height; i++) {
+            const float *r = level.direction + 3 * (size_t)i;
+            *out_sum = lw_vec3_add(*out_sum, lw_vec3(r[0], r[1], r[2]));
+            known += lw_vec3_length(lw_vec3(r[0], r[1], r[2])) > 0.2f;
+        }
+    }
+    return known;
+}
+
+/* Where light comes from is kept with it: no ray is needed to say it again. */
+static void directions_are_there_at_once(void **state) {
+    (void)state;
+    struct run run;
+    struct lw_vec3 sum, again;
+    asks_directions = true;
+    begin(&run, CORNELL "--directional on");
+    wait_for_rest(&run);
+    const uint32_t known = sum_directions(run.client, &sum);
+    assert_true(known > 1000);
+    end(&run);
+    begin(&run, CORNELL "--directional on");
+    const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    wait_for_all(&run);
+    while (sum_directions(run.client, &again) < known) {
+        poll_once(&run);
+        if (lw_clock_ns() > deadline_ns) fail_msg("not all directions within %u s", LIMIT_S);
+    }
+    while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
+    assert_true(said(&run, "showing frame") && said(&run, "going on after"));
+    assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
+    assert_true(lw_vec3_length(lw_vec3_sub(again, sum)) < 0.01f * (float)known);
+    end(&run);
 }
 
 /* What others changed ends with the server. Until there is light of the scene's own, clients see what they
@@ -407,6 +454,7 @@ int main(void) {
     lw_log_init("test_keep", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_converged_scene_costs_no_ray_again, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(directions_are_there_at_once, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(changed_light_is_no_light_of_the_scene, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(what_was_answered_outlives_a_kill, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(moving_light_is_shown_until_there_is_more, choose_folder, end_all),

@@ -169,6 +169,38 @@ static void solve(struct room_solution *solution, unsigned frames) {
     }
 }
 
+#define AROUND 32u
+#define DOWN   16u
+
+void room_make_ball(struct lw_scene *scene, uint32_t quad, struct lw_vec3 centre, float radius) {
+    const uint32_t vertices = (AROUND + 1) * (DOWN + 1), triangles = 2 * AROUND * (DOWN - 1);
+    struct lw_vec3 *position = lw_scene_alloc(scene, vertices, sizeof *position),
+                   *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
+    uint32_t(*triangle)[3] = lw_scene_alloc(scene, triangles, sizeof *triangle);
+    uint32_t *material = lw_scene_alloc(scene, triangles, sizeof *material), n = 0;
+    assert_true(position && normal && triangle && material);
+    for (uint32_t v = 0; v < vertices; v++) {
+        float polar = LW_PI * (float)(v / (AROUND + 1)) / (float)DOWN;
+        float angle = 2 * LW_PI * (float)(v % (AROUND + 1)) / (float)AROUND;
+        normal[v] = lw_vec3(sinf(polar) * cosf(angle), cosf(polar), sinf(polar) * sinf(angle));
+        position[v] = lw_vec3_mad(centre, normal[v], radius);
+    }
+    for (uint32_t j = 0; j < DOWN; j++)
+        for (uint32_t i = 0; i < AROUND; i++) {
+            const uint32_t a = j * (AROUND + 1) + i, b = a + 1, c = a + AROUND + 1, d = c + 1;
+            if (j > 0) memcpy(triangle[n++], (const uint32_t[3]){a, b, c}, sizeof *triangle);
+            if (j + 1 < DOWN) memcpy(triangle[n++], (const uint32_t[3]){b, d, c}, sizeof *triangle);
+        }
+    for (uint32_t t = 0; t < triangles; t++) material[t] = scene->mesh[quad].material[0];
+    scene->mesh[quad] = (struct lw_mesh){.name = "ball",
+                                         .vertex_count = vertices,
+                                         .triangle_count = triangles,
+                                         .position = position,
+                                         .normal = normal,
+                                         .triangle = triangle,
+                                         .material = material};
+}
+
 void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
                    struct lw_solver_desc desc, double time_s, unsigned frames) {
     struct lw_error err = {0};

@@ -67,6 +67,8 @@ void room_solve(struct room_solution *solution, const struct room *room, struct 
 /** The scene alone, for changes that a room cannot say: quad i is mesh, material, object and node i; its UV
  * set 0 runs from (0, 0) at the corner to (1, 1). Light j hangs on node quad_count + j. */
 struct lw_scene *room_scene(const struct room *room);
+/** A smooth ball in place of a quad. It has seams. */
+void room_make_ball(struct lw_scene *scene, uint32_t quad, struct lw_vec3 centre, float radius);
 /** Solves a ready scene, which it takes, at a moment of its animation. */
 void room_solve_at(struct room_solution *solution, struct lw_scene *scene, float texels_per_metre,
                    struct lw_solver_desc desc, double time_s, unsigned frames);

@@ -5,10 +5,13 @@
 #include "common/lightmap/lightmap.h"
 #include "server/solve/surface/fine_texels.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define FINER 2u
+
+enum { DIRECTIONS = LW_LIGHT_FORMS_FULL | 1u << LW_TILE_CHANNEL_DIRECTION };
 
 static const struct lw_solver_desc terms = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.02f, .threads = 2, .seed = 3};
@@ -142,17 +145,31 @@ static double luminance_of(const struct lw_solver_tile *tile, uint32_t i) {
     return (double)lw_colour_luminance(lw_vec3(e[0][i], e[1][i], e[2][i]));
 }
 
-/* Relative difference of two tiles of the same size: mean, and root mean square. */
-static void compare(const struct lw_solver_tile *a, const struct lw_solver_tile *b, double *sum_a,
-                    double *sum_b, double *square) {
+static struct lw_vec3 moment_of(const struct lw_solver_tile *tile, uint32_t i) {
+    const float *const *v = (const float *const *)tile->shown[LW_TILE_CHANNEL_DIRECTION];
+    return lw_vec3(v[0][i], v[1][i], v[2][i]);
+}
+
+/* Sums over covered texels of two solutions, a and b: luminance, its squares in a, squared differences of
+ * luminance and of the cosine moment. */
+struct difference {
+    double sum_a, sum_b, all, square, moment_square;
+};
+
+/* Adds two tiles of the same size. */
+static void compare(const struct lw_solver_tile *a, const struct lw_solver_tile *b, struct difference *d) {
     assert_int_equal(a->width, b->width);
     assert_int_equal(a->height, b->height);
     for (uint32_t i = 0; i < a->width * a->height; i++) {
         if (!a->covered[i] || !b->covered[i]) continue;
         const double x = luminance_of(a, i), y = luminance_of(b, i);
-        *sum_a += x;
-        *sum_b += y;
-        *square += (x - y) * (x - y);
+        const struct lw_vec3 off = lw_vec3_sub(moment_of(a, i), moment_of(b, i));
+        d->sum_a += x;
+        d->sum_b += y;
+        d->square += (x - y) * (x - y);
+        d->all += x * x;
+        d->moment_square += (double)lw_vec3_dot(off, off);
+        assert_true((double)lw_vec3_length(moment_of(a, i)) <= 1.0001 * x + 1e-6);
     }
 }
 
@@ -160,28 +177,30 @@ static void light_is_that_of_a_finer_atlas(void **state) {
     (void)state;
     struct room_solution coarse, fine;
     struct lw_solver_desc desc = terms;
-    desc.denoise = true;
+    desc.denoise = desc.directions = true;
     begin(&fine, scene_of(FINER), 0, desc);
     desc.fine_tiles = 64;
     begin(&coarse, scene_of(0), FINER, desc);
+    fine.solver->ops->show(fine.solver, DIRECTIONS);
+    coarse.solver->ops->show(coarse.solver, DIRECTIONS);
     look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
     for (uint64_t frame = 1; frame <= 30; frame++) step(&coarse, frame), step(&fine, frame);
     const lw_tile_id *id;
     const uint32_t count = coarse.solver->ops->list_fine(coarse.solver, &id);
     assert_true(count > 8);
-    double sum_a = 0, sum_b = 0, square = 0, all = 0;
+    struct difference d = {0};
     for (uint32_t k = 0; k < count; k++) {
         const struct lw_tile_place *place = &coarse.map.place[id[k].v];
         const lw_tile_id other = lw_atlas_map_find(&fine.map, place->object, 0, place->x, place->y);
         struct lw_solver_tile a, b;
         coarse.solver->ops->read_tile(coarse.solver, id[k], &a);
         fine.solver->ops->read_tile(fine.solver, other, &b);
-        compare(&a, &b, &sum_a, &sum_b, &square);
-        for (uint32_t i = 0; i < a.width * a.height; i++)
-            if (a.covered[i]) all += luminance_of(&a, i) * luminance_of(&a, i);
+        compare(&a, &b, &d);
     }
-    expect_near(sum_a, sum_b, 0.01);
-    assert_true(square < 0.05 * 0.05 * all);
+    expect_near(d.sum_a, d.sum_b, 0.01);
+    assert_true(d.square < 0.05 * 0.05 * d.all);
+    printf("moments differ by %.3f of the light\n", sqrt(d.moment_square / d.all));
+    assert_true(d.moment_square < 0.06 * 0.06 * d.all);
     room_finish(&coarse);
     room_finish(&fine);
 }
@@ -403,6 +422,7 @@ static void layers_share_them(void **state) {
     struct lw_error err = {0};
     struct lw_solver_desc desc = terms;
     desc.fine_tiles = 64;
+    desc.directions = true;
     begin(&alone, scene_of(0), FINER, desc);
     layered.scene = NULL;
     struct lw_scene *scene = scene_of(0);
@@ -411,6 +431,8 @@ static void layers_share_them(void **state) {
     lw_support_ok(lw_light_groups_init(&groups, scene, &pose, "left", &err), &err);
     desc.light_groups = &groups;
     begin(&layered, scene, FINER, desc);
+    alone.solver->ops->show(alone.solver, DIRECTIONS);
+    layered.solver->ops->show(layered.solver, DIRECTIONS);
     look_at(&alone, LW_ATLAS_FINER + FINER, 0, 1);
     look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
     for (uint64_t frame = 1; frame <= 60; frame++) {
@@ -422,14 +444,15 @@ static void layers_share_them(void **state) {
     const uint32_t count = alone.solver->ops->list_fine(alone.solver, &id);
     assert_int_equal(count, tiles_of(&alone, 0, FINER));
     assert_int_equal(layered.solver->ops->list_fine(layered.solver, &other), count);
-    double sum_a = 0, sum_b = 0, square = 0;
+    struct difference d = {0};
     for (uint32_t k = 0; k < count; k++) {
         struct lw_solver_tile a, b;
         alone.solver->ops->read_tile(alone.solver, id[k], &a);
         layered.solver->ops->read_tile(layered.solver, other[k], &b);
-        compare(&a, &b, &sum_a, &sum_b, &square);
+        compare(&a, &b, &d);
     }
-    expect_near(sum_a, sum_b, 0.01);
+    expect_near(d.sum_a, d.sum_b, 0.01);
+    assert_true(d.moment_square < 0.08 * 0.08 * d.all);
     room_finish(&alone);
     room_finish(&layered);
     lw_light_groups_finish(&groups);

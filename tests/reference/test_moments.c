@@ -1,10 +1,17 @@
 /* The cosine moment of light, beside irradiance: closed forms, bounds, both forms of light, change. */
 #include "common/base/colour.h"
 #include "common/light/client_lights.h"
+#include "common/light/direction_form.h"
+#include "common/tile/tile_codec.h"
+#include "proto/message.h"
+#include "server/publish/levels.h"
+#include "server/publish/publisher.h"
 #include "server/solve/cell_layer.h"
 #include "tests/reference/room.h"
 
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 enum {
@@ -29,19 +36,23 @@ static void step(struct lit *l, unsigned frames) {
 }
 
 /* drawn: names of client lights; NULL: there are none. */
-static void begin(struct lit *l, const struct room *room, struct lw_solver_desc desc, const char *drawn,
-                  uint32_t channels, unsigned frames) {
+static void begin_scene(struct lit *l, struct lw_scene *scene, float texels_per_metre,
+                        struct lw_solver_desc desc, const char *drawn, uint32_t channels, unsigned frames) {
     struct lw_error err = {0};
-    struct lw_scene *scene = room_scene(room);
     struct lw_pose pose;
     *l = (struct lit){.frame = 0};
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     if (drawn) lw_support_ok(lw_client_lights_init(&l->client, scene, &pose, drawn, &err), &err);
     lw_pose_finish(&pose);
     desc.client_lights = drawn ? &l->client : NULL;
-    room_solve_scene(&l->s, scene, room->texels_per_metre, desc, 0);
+    room_solve_scene(&l->s, scene, texels_per_metre, desc, 0);
     l->s.solver->ops->show(l->s.solver, channels);
     step(l, frames);
+}
+
+static void begin(struct lit *l, const struct room *room, struct lw_solver_desc desc, const char *drawn,
+                  uint32_t channels, unsigned frames) {
+    begin_scene(l, room_scene(room), room->texels_per_metre, desc, drawn, channels, frames);
 }
 
 static void end(struct lit *l) {
@@ -202,6 +213,168 @@ static void test_bounds(void **state) {
     end(&l);
 }
 
+/* ---- bounds of shown planes ---- */
+
+/* A ball over a floor, under two lamps, at night: edges of shadow cross its seams. It is turned. */
+static void begin_ball(struct lit *l, unsigned frames) {
+    struct room room = floor_and_lamp();
+    struct lw_solver_desc desc = kept;
+    room.light[1] = room.light[0];
+    room.light[0].name = "left", room.light[1].name = "right";
+    room.light_position[1] = lw_vec3(3, 2, 2);
+    room.light_count = 2;
+    room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0), 0.7f, 0); /* becomes the ball */
+    struct lw_scene *scene = room_scene(&room);
+    const uint32_t ball = room.quad_count - 1;
+    room_make_ball(scene, ball, lw_vec3(0, 0, 0), 0.4f);
+    memcpy(scene->node[ball].translation, (float[]){2, 0.7f, 1}, 3 * sizeof(float));
+    memcpy(scene->node[ball].rotation, (float[]){0.6f, 0, 0, 0.8f}, 4 * sizeof(float));
+    desc.denoise = true;
+    begin_scene(l, scene, 24, desc, "left", BOTH | DIRECTIONS, frames);
+}
+
+/* At the current pose. */
+static struct lw_vec3 normal_of(const struct lit *l, const struct lw_solve_tile *place, uint32_t i) {
+    return lw_affine_normal(&l->s.pose.object_to_world[place->object],
+                            lw_texels_vector(place->mesh->normal, place->local + i));
+}
+
+static void test_shown_texels_and_gutters(void **state) {
+    (void)state;
+    struct lit l;
+    begin_ball(&l, 6);
+    const struct lw_tiles *tiles = lw_cell_layer_tiles(l.s.solver);
+    uint32_t covered = 0, gutters = 0;
+    for (uint32_t t = 0; t < tiles->count; t++) {
+        const struct lw_solve_tile *place = &tiles->tile[t];
+        struct lw_solver_tile tile;
+        l.s.solver->ops->read_tile(l.s.solver, place->id, &tile);
+        for (uint32_t i = 0; i < tile.width * tile.height; i++)
+            for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
+                const float light = lw_colour_luminance(shown(&tile, form, i));
+                const struct lw_vec3 v = shown(&tile, LW_TILE_CHANNEL_DIRECTION + form, i);
+                if (!tile.covered[i] && !tile.filled[i]) continue;
+                assert_true(lw_vec3_length(v) <= (1 + 1e-5f) * light + 1e-9f);
+                *(tile.covered[i] ? &covered : &gutters) += light > 0;
+                if (tile.covered[i])
+                    assert_true(lw_vec3_dot(v, normal_of(&l, place, i)) >= -1e-5f * light - 1e-9f);
+            }
+    }
+    assert_true(covered > 10000 && gutters > 1000);
+    end(&l);
+}
+
+/* The pyramid of one channel of an object. */
+static void make_levels(const struct lit *l, uint32_t object, uint32_t channel, struct lw_levels *out) {
+    lw_support_ok(lw_levels_init(out, channel, l->s.map.atlas[object]), NULL);
+    for (uint32_t id = 0; id < l->s.map.plain_count; id++) {
+        const struct lw_tile_place *place = &l->s.map.place[id];
+        struct lw_solver_tile tile;
+        if (place->object != object || place->level) continue;
+        l->s.solver->ops->read_tile(l->s.solver, (lw_tile_id){id}, &tile);
+        lw_levels_load_tile(out, place, &tile);
+    }
+    lw_levels_build(out);
+}
+
+/* All that look-ups read; returns how many texels have light. */
+static uint32_t expect_short(const struct lw_levels_image *light, const struct lw_levels_image *moment) {
+    uint32_t lit = 0;
+    for (uint32_t i = 0; i < light->width * light->height; i++) {
+        if (!light->covered[i]) continue;
+        const float *e = light->value + 3 * i, *v = moment->value + 3 * i;
+        const struct lw_vec3 r = lw_direction_of(v, e);
+        const float luminance = lw_colour_luminance(lw_vec3(e[0], e[1], e[2]));
+        assert_true(lw_vec3_length(lw_vec3(v[0], v[1], v[2])) <= (1 + 1e-5f) * luminance + 1e-9f);
+        assert_true(lw_vec3_length(r) <= 1 + 1e-5f);
+        lit += luminance > 0;
+    }
+    return lit;
+}
+
+static void test_levels(void **state) {
+    (void)state;
+    struct lit l;
+    begin_ball(&l, 6);
+    for (uint32_t object = 0; object < l.s.map.object_count; object++)
+        for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
+            struct lw_levels light, moment;
+            make_levels(&l, object, form, &light);
+            make_levels(&l, object, LW_TILE_CHANNEL_DIRECTION + form, &moment);
+            assert_true(light.count > 3);
+            for (uint32_t k = 0; k < light.count; k++)
+                assert_true(expect_short(&light.level[k], &moment.level[k]) > 0);
+            lw_levels_finish(&light);
+            lw_levels_finish(&moment);
+        }
+    end(&l);
+}
+
+/* The longest r of a published tile, as a client decodes it. */
+static float longest_of(struct lw_tile_codec *codec, const struct lw_blob *blob, uint32_t channel,
+                        const struct lw_tile_place *place) {
+    static float r[3 * LW_TILE_TEXELS_MAX];
+    struct lw_framing_header header;
+    struct lw_message m;
+    float longest = 0;
+    lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
+    lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
+    lw_support_ok(lw_tile_codec_decode(codec, lw_tile_channel_at(channel), m.tile.codec, m.tile.payload,
+                                       m.tile.payload_size, m.tile.scale, place->width, place->height, NULL,
+                                       r),
+                  NULL);
+    lw_message_finish(&m);
+    for (uint32_t i = 0; i < place->width * place->height; i++)
+        longest = fmaxf(longest, lw_vec3_length(lw_vec3(r[3 * i], r[3 * i + 1], r[3 * i + 2])));
+    return longest;
+}
+
+/* Of all tiles that a publisher makes with that codec. */
+static float longest_published(struct lit *l, uint32_t codec_number) {
+    struct lw_publisher *publisher;
+    struct lw_publisher_stats stats;
+    struct lw_snapshot *snapshot;
+    struct lw_tile_codec *codec;
+    float longest = 0;
+    lw_support_ok(lw_tile_codec_create(&codec), NULL);
+    lw_support_ok(lw_publisher_create(&(struct lw_publisher_desc){.scene = l->s.scene,
+                                                                  .atlas_map = &l->s.map,
+                                                                  .solver = l->s.solver,
+                                                                  .target_error = 0.02f,
+                                                                  .codec = codec_number,
+                                                                  .threads = 1},
+                                      &publisher),
+                  NULL);
+    lw_support_ok(lw_publisher_set_channels(publisher, BOTH | DIRECTIONS), NULL);
+    lw_support_ok(
+        lw_publisher_publish(publisher, &l->s.pose, l->frame, 1, 1, l->s.map.tile_count, &snapshot, &stats),
+        NULL);
+    for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++)
+        for (uint32_t id = 0; id < l->s.map.plain_count; id++) {
+            const uint32_t channel = LW_TILE_CHANNEL_DIRECTION + form;
+            const struct lw_snapshot_tile *tile = &snapshot->tile[channel][id];
+            assert_non_null(tile->blob);
+            longest = fmaxf(longest, longest_of(codec, tile->blob, channel, &l->s.map.place[id]));
+        }
+    lw_snapshot_unref(snapshot);
+    lw_publisher_destroy(publisher);
+    lw_tile_codec_destroy(codec);
+    return longest;
+}
+
+/* In halves r is at most 1, but for their rounding. The lossy codec adds its error. */
+static void test_published(void **state) {
+    (void)state;
+    struct lit l;
+    begin_ball(&l, 6);
+    const float halves = longest_published(&l, LW_TILE_CODEC_HALF_ZSTD),
+                lossy = longest_published(&l, LW_TILE_CODEC_DCT);
+    printf("|r| is at most %.4f in halves, %.4f in the lossy codec\n", (double)halves, (double)lossy);
+    assert_true(halves > 0.9f && halves <= 1.001f);
+    assert_true(lossy <= 1.25f);
+    end(&l);
+}
+
 /* ---- change ---- */
 
 struct difference {
@@ -303,6 +476,9 @@ int main(void) {
         cmocka_unit_test(test_one_lamp),
         cmocka_unit_test(test_forms_differ_by_the_lamp),
         cmocka_unit_test(test_bounds),
+        cmocka_unit_test(test_shown_texels_and_gutters),
+        cmocka_unit_test(test_levels),
+        cmocka_unit_test(test_published),
         cmocka_unit_test(test_follows_a_lamp),
         cmocka_unit_test(test_light_is_the_same_without),
         cmocka_unit_test(test_a_checkpoint_keeps_it),

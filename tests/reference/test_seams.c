@@ -55,39 +55,6 @@ static void expect_welded(const char *name, struct lw_scene *scene, float densit
     room_finish(&solution);
 }
 
-#define AROUND 32u
-#define DOWN   16u
-
-/* A smooth ball in place of quad `q`. */
-static void make_ball(struct lw_scene *scene, uint32_t q, struct lw_vec3 centre, float radius) {
-    const uint32_t vertices = (AROUND + 1) * (DOWN + 1), triangles = 2 * AROUND * (DOWN - 1);
-    struct lw_vec3 *position = lw_scene_alloc(scene, vertices, sizeof *position),
-                   *normal = lw_scene_alloc(scene, vertices, sizeof *normal);
-    uint32_t(*triangle)[3] = lw_scene_alloc(scene, triangles, sizeof *triangle);
-    uint32_t *material = lw_scene_alloc(scene, triangles, sizeof *material), n = 0;
-    assert_true(position && normal && triangle && material);
-    for (uint32_t v = 0; v < vertices; v++) {
-        float polar = LW_PI * (float)(v / (AROUND + 1)) / (float)DOWN;
-        float angle = 2 * LW_PI * (float)(v % (AROUND + 1)) / (float)AROUND;
-        normal[v] = lw_vec3(sinf(polar) * cosf(angle), cosf(polar), sinf(polar) * sinf(angle));
-        position[v] = lw_vec3_mad(centre, normal[v], radius);
-    }
-    for (uint32_t j = 0; j < DOWN; j++)
-        for (uint32_t i = 0; i < AROUND; i++) {
-            const uint32_t a = j * (AROUND + 1) + i, b = a + 1, c = a + AROUND + 1, d = c + 1;
-            if (j > 0) memcpy(triangle[n++], (const uint32_t[3]){a, b, c}, sizeof *triangle);
-            if (j + 1 < DOWN) memcpy(triangle[n++], (const uint32_t[3]){b, d, c}, sizeof *triangle);
-        }
-    for (uint32_t t = 0; t < triangles; t++) material[t] = scene->mesh[q].material[0];
-    scene->mesh[q] = (struct lw_mesh){.name = "ball",
-                                      .vertex_count = vertices,
-                                      .triangle_count = triangles,
-                                      .position = position,
-                                      .normal = normal,
-                                      .triangle = triangle,
-                                      .material = material};
-}
-
 /* Where light varies over texels but has no edge between two of them, every point of every seam agrees within
  * 1 %. */
 static void test_ball(void **state) {
@@ -97,7 +64,7 @@ static void test_ball(void **state) {
     room_quad(&room, lw_vec3(-2, 0, -2), lw_vec3(0, 0, 4), lw_vec3(4, 0, 0), 0.7f, 0);
     room_quad(&room, lw_vec3(-0.5f, 2.5f, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, 5); /* facing down */
     struct lw_scene *scene = room_scene(&room);
-    make_ball(scene, 0, lw_vec3(0, 0.7f, 0), 0.5f);
+    room_make_ball(scene, 0, lw_vec3(0, 0.7f, 0), 0.5f);
     expect_welded("ball", scene, 16, 8, 32, 0.002, 1e-9, 0.01, (const double[]){0.02, 0.045}, 1000);
 }
 
@@ -108,7 +75,7 @@ static void solve_ball_in_parts(struct room_solution *s, uint32_t parts) {
     room_quad(&room, lw_vec3(0, 0, 0), lw_vec3(1, 0, 0), lw_vec3(0, 1, 0), 0.7f, 0); /* becomes the ball */
     room_quad(&room, lw_vec3(-0.5f, 2.5f, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, 5);
     struct lw_scene *scene = room_scene(&room);
-    make_ball(scene, 0, lw_vec3(0, 0.7f, 0), 0.5f);
+    room_make_ball(scene, 0, lw_vec3(0, 0.7f, 0), 0.5f);
     room_solve_scene(
         s, scene, 64,
         (struct lw_solver_desc){.direct_samples = 4, .denoise = true, .target_error = -1, .frames_max = 24},

@@ -2,6 +2,7 @@
  * come and go as interest does. */
 #include "tests/reference/room.h"
 
+#include "common/base/colour.h"
 #include "common/lightmap/lightmap.h"
 #include "server/solve/memory_forecast.h"
 #include "server/solve/sparse_solver.h"
@@ -90,7 +91,60 @@ static void add_light(const struct lw_solver_tile *tile, double *sum, double *te
     }
 }
 
+/* Adds the cosine moment over covered texels of a tile, and the luminance that it belongs to. */
+static void add_moment(const struct lw_solver_tile *tile, struct lw_vec3 *moment, float *light) {
+    const float *const *e = (const float *const *)tile->shown[LW_LIGHT_FORM_FULL],
+                       *const *v = (const float *const *)tile->shown[LW_TILE_CHANNEL_DIRECTION];
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        if (!tile->covered[i]) continue;
+        const float luminance = lw_colour_luminance(lw_vec3(e[0][i], e[1][i], e[2][i]));
+        const struct lw_vec3 own = lw_vec3(v[0][i], v[1][i], v[2][i]);
+        assert_true(lw_vec3_length(own) <= 1.0001f * luminance + 1e-6f);
+        *moment = lw_vec3_add(*moment, own);
+        *light += luminance;
+    }
+}
+
+/* r of all light of a tile. */
+static struct lw_vec3 direction_of(const struct room_solution *s, uint32_t id) {
+    const struct lw_solver_tile tile = read(s, id);
+    struct lw_vec3 moment = lw_vec3(0, 0, 0);
+    float light = 0;
+    add_moment(&tile, &moment, &light);
+    return light > 0 ? lw_vec3_scale(moment, 1 / light) : moment;
+}
+
 /* ---- tests ---- */
+
+/* Tiles of the floor, which somebody looks at, and coarse ones elsewhere: where their light comes from is
+ * what a solve of the whole density says. */
+static void directions_are_those_of_the_whole_density(void **state) {
+    (void)state;
+    struct room_solution sparse, whole;
+    struct lw_solver_desc desc = terms;
+    const uint32_t channels = LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION);
+    uint32_t lit = 0, coarse = 0;
+    desc.directions = true;
+    begin(&sparse, true, desc);
+    begin(&whole, false, desc);
+    sparse.solver->ops->show(sparse.solver, channels);
+    whole.solver->ops->show(whole.solver, channels);
+    look_at(&sparse, 0, false);
+    step(&sparse, 1, 20);
+    step(&whole, 1, 20);
+    for (uint32_t id = 0; id < whole.map.plain_count; id++) {
+        if (whole.map.place[id].level) continue;
+        const bool is_coarse = read(&sparse, id).error == LW_ATLAS_COARSE_ERROR;
+        const struct lw_vec3 r = direction_of(&whole, id), off = lw_vec3_sub(direction_of(&sparse, id), r);
+        if (lw_vec3_length(r) < 0.1f) continue;
+        if (lw_vec3_length(off) > (is_coarse ? 0.1f : 0.03f))
+            fail_msg("tile %u, coarse %d: %.3f apart", id, is_coarse, (double)lw_vec3_length(off));
+        ++*(is_coarse ? &coarse : &lit);
+    }
+    assert_true(lit > 1 && coarse > 1);
+    room_finish(&sparse);
+    room_finish(&whole);
+}
 
 /* Each tile of the floor has the mean of that of a solve of the whole density, and so has each texel, within
  * noise. */
@@ -260,6 +314,7 @@ static void memory_is_less(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_is_looked_at_is_lit_as_densely_as_asked_for),
+        cmocka_unit_test(directions_are_those_of_the_whole_density),
         cmocka_unit_test(the_rest_is_coarse),
         cmocka_unit_test(what_gives_way_is_coarse_again),
         cmocka_unit_test(finer_levels_are_there),

@@ -13,7 +13,9 @@
 
 #define FRAME        41u
 #define TARGET_ERROR 0.02f
-#define BOTH         (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT)
+#define CHANNELS                                                                                             \
+    (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT | 1u << LW_TILE_CHANNEL_DIRECTION |                \
+     1u << LW_TILE_CHANNEL_DIRECTION_SPLIT)
 
 static const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE] = "sixteen bytes..",
                      other_key[LW_SAVED_LIGHT_KEY_SIZE] = "and others";
@@ -31,10 +33,10 @@ static struct lw_blob *blob_of(const struct lw_message *message) {
     return blob;
 }
 
-static struct lw_blob *tile_blob(uint32_t object, enum lw_light_form form, float error) {
+static struct lw_blob *tile_blob(uint32_t object, uint32_t channel, float error) {
     return blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
                                         .tile = {.object = object,
-                                                 .layer = form,
+                                                 .layer = channel,
                                                  .version = FRAME - 1,
                                                  .codec = LW_TILE_CODEC_HALF_ZSTD,
                                                  .scale = 1,
@@ -44,13 +46,13 @@ static struct lw_blob *tile_blob(uint32_t object, enum lw_light_form form, float
                                                  .payload_size = 5}});
 }
 
-/* A frame of two messages; light for all objects but the last, in two forms for the first. */
+/* A frame of two messages; light for all objects but the last. The first has all channels. */
 static int init_world(void **state) {
     static struct world w;
     w = (struct world){.scene = lw_support_squares(3, 1), .path = lw_support_temporary("shown")};
     w.scene->mesh[0].atlas_width = w.scene->mesh[0].atlas_height = 64;
     lw_support_ok(lw_atlas_map_init(&w.map, w.scene), NULL);
-    lw_support_ok(lw_snapshot_create(w.map.tile_count, BOTH, &w.snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(w.map.tile_count, CHANNELS, &w.snapshot), NULL);
     struct lw_message frame = {
         .type = LW_MESSAGE_FRAME,
         .frame = {.frame = FRAME, .rays_total = 1000, .server_cpu_ns = 2000, .time_s = 7}};
@@ -65,8 +67,9 @@ static int init_world(void **state) {
         w.snapshot->tile[LW_LIGHT_FORM_FULL][id] = (struct lw_snapshot_tile){
             .version = FRAME - 1, .blob = tile_blob(o, LW_LIGHT_FORM_FULL, 0.01f + (float)o)};
     }
-    w.snapshot->tile[LW_LIGHT_FORM_SPLIT][lw_atlas_map_find(&w.map, 0, 0, 0, 0).v] =
-        (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(0, LW_LIGHT_FORM_SPLIT, 0.01f)};
+    for (uint32_t channel = LW_LIGHT_FORM_SPLIT; channel <= LW_TILE_CHANNEL_DIRECTION_SPLIT; channel++)
+        w.snapshot->tile[channel][lw_atlas_map_find(&w.map, 0, 0, 0, 0).v] =
+            (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(0, channel, 0.01f)};
     *state = &w;
     return 0;
 }
@@ -109,8 +112,8 @@ static void steady_light_comes_back_as_it_was(void **state) {
     assert_int_equal(again->frame, FRAME);
     assert_non_null(again->settled);
     assert_null(again->frame_delta);
-    assert_int_equal(again->channels, BOTH);
-    for (unsigned f = 0; f < LW_LIGHT_FORM_COUNT; f++)
+    assert_int_equal(again->channels, CHANNELS);
+    LW_TILE_CHANNELS_EACH (f, CHANNELS)
         for (uint32_t i = 0; i < w->map.tile_count; i++) {
             const struct lw_snapshot_tile *is = &again->tile[f][i], *was = &w->snapshot->tile[f][i];
             assert_int_equal(is->version, was->version);

@@ -186,6 +186,8 @@ uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
 /** The channels of a set that the tiles hold; FULL if they hold none of them. */
 static inline uint32_t lw_tiles_can_show(const struct lw_tiles *tiles, uint32_t channels) {
     channels &= tiles->channels;
+    LW_TILE_CHANNELS_EACH (channel, channels)
+        channels |= lw_tile_channel_bit(lw_tile_channel_at(channel)->follows);
     return channels ? channels : LW_LIGHT_FORMS_FULL;
 }
 
