@@ -132,7 +132,7 @@ static int start(void **state) {
     return 0;
 }
 
-static int finish(void **state) {
+static int close_sessions(void **state) {
     (void)state;
     while (shared.first) {
         struct lw_session *s = shared.first;
@@ -204,7 +204,7 @@ static void ask_for_package(struct lw_session *s, bool all) {
     serve();
 }
 
-static void look(struct lw_session *s, uint64_t at_ns) {
+static void tick_and_serve(struct lw_session *s, uint64_t at_ns) {
     struct lw_session_waiting unused = {0};
     now_ns = at_ns;
     lw_session_tick(s, now_ns, &unused);
@@ -222,9 +222,9 @@ static bool is_told(const struct lw_session *s) {
 
 /* Nothing happens at this moment, and a refusal a moment later. */
 static void expect_limit(struct lw_session *s, uint64_t at_ns, enum lw_refusal code) {
-    look(s, at_ns);
+    tick_and_serve(s, at_ns);
     if (s->state >= LW_SESSION_LEAVING) fail_msg("refused too early: %s", link_of(s->link)->text);
-    look(s, at_ns + 1);
+    tick_and_serve(s, at_ns + 1);
     assert_true(is_refused(s, code));
     assert_true(is_told(s) || link_of(s->link)->is_full);
 }
@@ -236,7 +236,7 @@ static void test_hello_in_time(void **state) {
     struct lw_session *s = open_one();
     expect_limit(s, START_NS + LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS, LW_REFUSAL_TIMEOUT);
     const uint64_t refused_ns = now_ns;
-    look(s, refused_ns + LW_SERVER_LINGER_S * SECOND_NS);
+    tick_and_serve(s, refused_ns + LW_SERVER_LINGER_S * SECOND_NS);
     assert_false(link_of(s->link)->is_closed);
     struct lw_session_waiting unused = {0};
     struct link *link = link_of(s->link);
@@ -254,7 +254,7 @@ static void test_hello_where_places_are_short(void **state) {
     shared.sessions_max = LW_SERVER_KEPT_ONE_IN; /* one of them is kept */
     const uint64_t limit_ns = START_NS + LW_SERVER_CROWDED_HELLO_S * SECOND_NS;
     for (unsigned i = 0; i + 1 < LW_SERVER_KEPT_ONE_IN; i++) s[i] = open_from(i, false);
-    look(s[0], limit_ns + 1); /* it has the usual time */
+    tick_and_serve(s[0], limit_ns + 1); /* it has the usual time */
     assert_int_equal(s[0]->state, LW_SESSION_EXPECTS_HELLO);
     s[LW_SERVER_KEPT_ONE_IN - 1] = open_from(1000, false); /* the kept one */
     expect_limit(s[1], limit_ns, LW_REFUSAL_TIMEOUT);
@@ -265,7 +265,7 @@ static void test_package_in_time(void **state) {
     struct lw_session *s = open_one();
     greet(s);
     for (unsigned at_s = 0; at_s < LW_SERVER_PACKAGE_TIMEOUT_S; at_s += 10) { /* it is not silent */
-        look(s, START_NS + at_s * SECOND_NS);
+        tick_and_serve(s, START_NS + at_s * SECOND_NS);
         say(s, &(struct lw_message){.type = LW_MESSAGE_PONG}, 1);
     }
     expect_limit(s, START_NS + LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS, LW_REFUSAL_TIMEOUT);
@@ -277,9 +277,9 @@ static void test_silence(void **state) {
     struct lw_session *s = open_one();
     greet(s);
     ask_for_package(s, false);
-    look(s, START_NS + LW_SERVER_SILENCE_S * SECOND_NS / 2);
+    tick_and_serve(s, START_NS + LW_SERVER_SILENCE_S * SECOND_NS / 2);
     assert_int_not_equal(link_of(s->link)->last, LW_MESSAGE_PING);
-    look(s, now_ns + 1);
+    tick_and_serve(s, now_ns + 1);
     assert_int_equal(link_of(s->link)->last, LW_MESSAGE_PING);
     say(s, &(struct lw_message){.type = LW_MESSAGE_PONG}, 1);
     expect_limit(s, now_ns + LW_SERVER_SILENCE_S * SECOND_NS, LW_REFUSAL_TIMEOUT);
@@ -295,11 +295,11 @@ static void test_stall(void **state) {
     link->bytes = 0;
     ask_for_package(s, true);
     const uint64_t limit_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS;
-    look(s, START_NS);
-    look(s, START_NS + limit_ns);
+    tick_and_serve(s, START_NS);
+    tick_and_serve(s, START_NS + limit_ns);
     assert_int_equal(s->state, LW_SESSION_STREAMING);
     link->bytes--;
-    look(s, now_ns + 1);
+    tick_and_serve(s, now_ns + 1);
     expect_limit(s, START_NS + 2 * limit_ns + 1, LW_REFUSAL_TIMEOUT);
 }
 
@@ -312,8 +312,8 @@ static void test_who_was_slow_may_read_on(void **state) {
     link->is_full = true;
     link->bytes = 0;
     ask_for_package(s, true);
-    look(s, START_NS);
-    look(s, START_NS + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS + 1);
+    tick_and_serve(s, START_NS);
+    tick_and_serve(s, START_NS + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS + 1);
     assert_int_equal(s->state, LW_SESSION_LEAVING);
     const uint64_t refused_ns = now_ns;
     assert_int_not_equal(link->last, LW_MESSAGE_REFUSAL);
@@ -321,7 +321,7 @@ static void test_who_was_slow_may_read_on(void **state) {
     lw_session_written(s, 0, true);
     serve();
     assert_true(is_refused(s, LW_REFUSAL_TIMEOUT) && is_told(s));
-    look(s, refused_ns + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS);
+    tick_and_serve(s, refused_ns + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS);
     assert_false(link->is_closed);
     struct lw_session_waiting unused = {0};
     lw_session_tick(s, ++now_ns, &unused);
@@ -341,7 +341,7 @@ static void test_saying_too_much(void **state) {
         assert_false(link_of(s->link)->is_read); /* the rest stays with the peer */
         assert_true(waited_ns <= LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
         waited_ns += SECOND_NS / LW_SERVER_LOOKS_HZ;
-        look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+        tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     }
     assert_true(waited_ns > LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
     assert_true(is_told(s));
@@ -356,7 +356,7 @@ static void expect_too_much(struct lw_session *s, const char *text) {
     for (; !is_refused(s, LW_REFUSAL_RATE); waited_ns += SECOND_NS / LW_SERVER_LOOKS_HZ) {
         lw_session_count_other(s, LW_MESSAGE_RATES_FRAMES, 1000);
         assert_true(waited_ns <= LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
-        look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+        tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     }
     assert_true(is_told(s));
     assert_string_equal(link_of(s->link)->text, text);
@@ -378,16 +378,16 @@ static void test_overhead(void **state) {
     greet(s);
     link_of(s->link)->overhead =
         32768 + LW_MESSAGE_RATES_ENVELOPE; /* the HELLO's is no more than there may be */
-    look(s, now_ns);
+    tick_and_serve(s, now_ns);
     assert_true(s->rates.waits);
     link_of(s->link)->overhead = 0;
-    look(s, now_ns + SECOND_NS);
+    tick_and_serve(s, now_ns + SECOND_NS);
     lw_turns_serve_paced(&shared); /* a second has brought enough to go on */
     lw_turns_read_on(&shared);
     assert_true(link_of(s->link)->is_read);
     link_of(s->link)->overhead = 100000;
-    look(s, now_ns);
-    while (s->state < LW_SESSION_LEAVING) look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+    tick_and_serve(s, now_ns);
+    while (s->state < LW_SESSION_LEAVING) tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     assert_string_equal(link_of(s->link)->text, "more than 4096 OVERHEAD a second, for too long");
 }
 
@@ -604,27 +604,27 @@ static void test_waiting_for_light(void **state) {
     lw_waiting_raise(&light, LW_WAITING_PLACING_TEXELS, 1, 2);
     struct lw_session *s = open_one();
     greet(s);
-    look(s, now_ns + SECOND_NS);
+    tick_and_serve(s, now_ns + SECOND_NS);
     expect_waits(s, 0, 0, 0); /* it wants nothing yet */
     ask_for_package(s, false);
     expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
     const uint64_t told_ns = now_ns, apart_ns = LW_SERVER_WAITING_MS * 1000000ull;
     lw_waiting_raise(&light, LW_WAITING_LOOKING_INSIDE, 1, 4);
-    look(s, told_ns + apart_ns - 1);
+    tick_and_serve(s, told_ns + apart_ns - 1);
     expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
-    look(s, told_ns + apart_ns);
+    tick_and_serve(s, told_ns + apart_ns);
     expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
-    look(s, now_ns + SECOND_NS);
+    tick_and_serve(s, now_ns + SECOND_NS);
     expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
     for (unsigned i = 0; i < 100; i++) {
         lw_waiting_raise(&light, LW_WAITING_FIRST_LIGHT, i + 1, 101);
-        look(s, now_ns + apart_ns / 10);
+        tick_and_serve(s, now_ns + apart_ns / 10);
     }
     expect_waits(s, 12, LW_WAITING_FIRST_LIGHT, 0.9f);
 }
 
 int main(void) {
-#define TEST(name) cmocka_unit_test_setup_teardown(name, start, finish)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, start, close_sessions)
     const struct CMUnitTest tests[] = {
         TEST(test_hello_in_time),
         TEST(test_hello_where_places_are_short),
