@@ -172,6 +172,17 @@ found=$(git ls-files '*.c' '*.h' '*.cpp' '*.ts' |
     xargs grep -niE "(^|[^a-z_])(anew|whoever|so many|what is looked at|by turns|of now)([^a-z_]|\$)" || true)
 if [ -n "$found" ]; then complain "see CONTRIBUTING.md, Words:"$'\n'"$found"; fi
 
+# Names say what they do: no static is called by one of these words alone, and no identifier has one of the others as a part
+# (docs/architecture.md, Words that are out). Comments and strings are no identifiers. These files have such names still:
+named_later='^(relay/|server/nats/|server/solve/fine_tiles\.[ch]$|server/lightwell-bake\.c$|client/lib/interest\.[ch]$|tests/(fuzz/fuzz_relay|integration/test_nats|integration/test_relay)\.c$)'
+found=$(git ls-files '*.c' '*.h' | grep -vE "$named_later" | xargs perl -0 -ne '
+    s{(/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*")}{ $1 =~ tr/\n//cdr }gse;
+    for my $out (qr/^(?:LW_[A-Z_]+ )?static [^=;(]*\b(show|place|take|finish|look|settle|pass_on|arrive|recall)\(/m,
+        qr/\b(\w*(?<![a-z])(?:told|witness(?:es)?|recall|recoder|forgetful|burial|woken|swarm|contender|urgency)(?![a-z])\w*)/) {
+        print "    $ARGV:", 1 + substr($_, 0, $-[1]) =~ tr/\n//, ": $1\n" while /$out/g;
+    }' | sort -u)
+if [ -n "$found" ]; then complain "names that are out:"$'\n'"$found"; fi
+
 # Lines of code have at most 110 columns. Bytes that continue a character of UTF-8 are no columns.
 wide=$(git ls-files '*.c' '*.h' | LC_ALL=C xargs awk '
     { line = $0; gsub(/[\200-\277]/, "", line) }

@@ -492,7 +492,7 @@ static enum lw_status take_pose(struct lw_trace *trace, const struct lw_pose *po
 }
 
 enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose, struct lw_error *err) {
-    enum lw_status status = lw_trace_settle(trace, true, err);
+    enum lw_status status = lw_trace_take_rebuilt(trace, true, err);
     return status == LW_OK ? take_pose(trace, pose, false, err) : status;
 }
 
@@ -501,7 +501,7 @@ enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_po
     return take_pose(trace, pose, true, err);
 }
 
-enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err) {
+enum lw_status lw_trace_take_rebuilt(struct lw_trace *trace, bool wait, struct lw_error *err) {
     if (!trace->rebuild || !(wait || trace->rebuild->ended)) return LW_OK;
     enum lw_status status = take_rebuild(trace);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "building the rays' structure");

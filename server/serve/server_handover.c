@@ -151,9 +151,9 @@ void lw_server_handover_wake_relay(struct lw_server *server) {
     uv_mutex_lock(&server->mutex);
     const bool news = server->has_interest;
     uv_mutex_unlock(&server->mutex);
-    if (news || server->shared.passed.waiting || channels != server->told_channels)
+    if (news || server->shared.passed.waiting || channels != server->reported_channels)
         server->hooks.news(server->hooks.context);
-    server->told_channels = channels;
+    server->reported_channels = channels;
 }
 
 /* ---- the solver's side ---- */

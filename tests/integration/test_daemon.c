@@ -1034,7 +1034,7 @@ static void expect_waiting(const char *policy, const char *expected) {
     stop(&daemon);
 }
 
-static void idle_threads_sleep_unless_told_otherwise(void **state) {
+static void idle_threads_sleep_unless_set_otherwise(void **state) {
     (void)state;
     const char *was = getenv("OMP_WAIT_POLICY");
     char *kept = was ? strdup(was) : NULL;
@@ -1075,7 +1075,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(a_scene_moves_frame_by_frame, end_all),
         cmocka_unit_test_teardown(a_frozen_scene_holds_still, end_all),
         cmocka_unit_test_teardown(every_way_to_solve_serves, end_all),
-        cmocka_unit_test_teardown(idle_threads_sleep_unless_told_otherwise, end_all),
+        cmocka_unit_test_teardown(idle_threads_sleep_unless_set_otherwise, end_all),
     };
     return argc > 1 ? cmocka_run_group_tests(long_tests, NULL, NULL)
                     : cmocka_run_group_tests(tests, NULL, NULL);

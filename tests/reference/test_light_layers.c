@@ -80,11 +80,11 @@ static void test_layers_wait_together(void **state) {
     (void)state;
     struct room_solution s;
     struct lw_waiting waiting = {0};
-    struct lw_solver_desc told = desc;
+    struct lw_solver_desc reporting = desc;
     const struct room room = room_with_two_lamps();
     uint64_t frame = 0;
-    told.waiting = &waiting;
-    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, told, "left;right", 0);
+    reporting.waiting = &waiting;
+    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, reporting, "left;right", 0);
     assert_int_equal(lw_waiting_read(&waiting).stage, LW_WAITING_LOOKING_INSIDE);
     assert_true(lw_waiting_read(&waiting).share == 1);
     step(&s, &frame);

@@ -118,8 +118,8 @@ static void densities_are_what_is_drawn(void **state) {
         lw_random_sobol2(i, 11, p);
         struct lw_vec3 d = lw_environment_importance_draw(&importance, p[0], p[1], &pdf);
         assert_true(pdf > 0 && fabsf(lw_vec3_length(d) - 1) < 1e-5f);
-        float told = lw_environment_importance_pdf(&importance, d);
-        steps += fabsf(told / pdf - 1) > 2e-3f;
+        float stated = lw_environment_importance_pdf(&importance, d);
+        steps += fabsf(stated / pdf - 1) > 2e-3f;
         inverse += 1 / (double)pdf;
     }
     assert_true(steps == 0);

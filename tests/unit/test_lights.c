@@ -218,10 +218,10 @@ static void expect_everything(unsigned lamps, double tolerance) {
         /* the density of the draw is the one that the other technique gets */
         if (sample.pdf > 0) {
             chance += 1;
-            double told =
+            double stated =
                 density(&s, sample.direction, 0.999f * sample.distance_m, 1.001f * sample.distance_m);
-            if (i % 64 == 0 && fabs(told / (double)sample.pdf - 1) > 0.01)
-                fail_msg("drawn with density %g, told %g", (double)sample.pdf, told);
+            if (i % 64 == 0 && fabs(stated / (double)sample.pdf - 1) > 0.01)
+                fail_msg("drawn with density %g, told %g", (double)sample.pdf, stated);
         }
     }
     double mean = sum / N, sigma = sqrt((squares / N - mean * mean) / N), want = irradiance(&s);

@@ -202,7 +202,7 @@ static void cubic_splines_reproduce_a_cubic(void **state) {
     lw_scene_destroy(scene);
 }
 
-static void in_tangents_and_out_tangents_are_told_apart(void **state) {
+static void in_tangents_and_out_tangents_are_reported_apart(void **state) {
     (void)state;
     static const float times[] = {0, 2};
     /* in-tangent, value, out-tangent of each key; the outer two must not matter */
@@ -380,7 +380,7 @@ int main(void) {
         cmocka_unit_test(steps_hold_and_lines_are_straight),
         cmocka_unit_test(linear_rotations_turn_evenly_the_shorter_way),
         cmocka_unit_test(cubic_splines_reproduce_a_cubic),
-        cmocka_unit_test(in_tangents_and_out_tangents_are_told_apart),
+        cmocka_unit_test(in_tangents_and_out_tangents_are_reported_apart),
         cmocka_unit_test(cubic_rotations_are_unit_and_scales_scale),
         cmocka_unit_test(lights_are_dimmed_and_coloured),
         cmocka_unit_test(what_moves_is_what_has_a_channel_above_it),

@@ -142,7 +142,7 @@ static double time_at(const struct fixture *f, double wall_s) {
     return lw_scene_state_time(&f->state, wall_s);
 }
 
-static void the_clock_never_jumps_but_when_told_to(void **state) {
+static void the_clock_never_jumps_but_when_set(void **state) {
     (void)state;
     struct fixture f;
     set_up(&f, 0, false);
@@ -207,7 +207,7 @@ int main(void) {
         cmocka_unit_test(what_stood_still_becomes_dynamic),
         cmocka_unit_test(lights_change_in_each_respect_alone),
         cmocka_unit_test(materials_and_sky_change_in_a_scene_of_its_own),
-        cmocka_unit_test(the_clock_never_jumps_but_when_told_to),
+        cmocka_unit_test(the_clock_never_jumps_but_when_set),
         cmocka_unit_test(a_reset_takes_all_back),
         cmocka_unit_test(the_later_of_two_changes_counts),
     };

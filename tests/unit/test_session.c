@@ -215,7 +215,7 @@ static bool is_refused(const struct lw_session *s, enum lw_refusal code) {
     return s->state == LW_SESSION_LEAVING && s->refusal == code;
 }
 
-static bool is_told(const struct lw_session *s) {
+static bool has_refusal(const struct lw_session *s) {
     const struct link *link = (const struct link *)s->link;
     return link->last == LW_MESSAGE_REFUSAL && link->code == s->refusal;
 }
@@ -226,7 +226,7 @@ static void expect_limit(struct lw_session *s, uint64_t at_ns, enum lw_refusal c
     if (s->state >= LW_SESSION_LEAVING) fail_msg("refused too early: %s", link_of(s->link)->text);
     tick_and_serve(s, at_ns + 1);
     assert_true(is_refused(s, code));
-    assert_true(is_told(s) || link_of(s->link)->is_full);
+    assert_true(has_refusal(s) || link_of(s->link)->is_full);
 }
 
 /* ---- time ---- */
@@ -320,7 +320,7 @@ static void test_who_was_slow_may_read_on(void **state) {
     link->is_full = false;
     lw_session_written(s, 0, true);
     serve();
-    assert_true(is_refused(s, LW_REFUSAL_TIMEOUT) && is_told(s));
+    assert_true(is_refused(s, LW_REFUSAL_TIMEOUT) && has_refusal(s));
     tick_and_serve(s, refused_ns + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS);
     assert_false(link->is_closed);
     struct lw_session_waiting unused = {0};
@@ -344,7 +344,7 @@ static void test_saying_too_much(void **state) {
         tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     }
     assert_true(waited_ns > LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
-    assert_true(is_told(s));
+    assert_true(has_refusal(s));
     assert_string_equal(link_of(s->link)->text, "more than 20 PING a second, for too long");
 }
 
@@ -358,7 +358,7 @@ static void expect_too_much(struct lw_session *s, const char *text) {
         assert_true(waited_ns <= LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
         tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     }
-    assert_true(is_told(s));
+    assert_true(has_refusal(s));
     assert_string_equal(link_of(s->link)->text, text);
 }
 
@@ -567,7 +567,7 @@ static void test_connecting_too_often(void **state) {
     struct lw_session *s = lw_session_open(&shared, &link->transport, &peer);
     assert_non_null(s);
     serve();
-    assert_true(is_refused(s, LW_REFUSAL_RATE) && is_told(s));
+    assert_true(is_refused(s, LW_REFUSAL_RATE) && has_refusal(s));
     assert_string_equal(link->text, "this address connects too often: 50 times a second at most");
     assert_int_equal(shared.place_count, 0);
     shared.address_sessions_max = 1; /* there is a least, for browsers, which open several at once */
@@ -608,11 +608,11 @@ static void test_waiting_for_light(void **state) {
     expect_waits(s, 0, 0, 0); /* it wants nothing yet */
     ask_for_package(s, false);
     expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
-    const uint64_t told_ns = now_ns, apart_ns = LW_SERVER_WAITING_MS * 1000000ull;
+    const uint64_t sent_ns = now_ns, apart_ns = LW_SERVER_WAITING_MS * 1000000ull;
     lw_waiting_raise(&light, LW_WAITING_LOOKING_INSIDE, 1, 4);
-    tick_and_serve(s, told_ns + apart_ns - 1);
+    tick_and_serve(s, sent_ns + apart_ns - 1);
     expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
-    tick_and_serve(s, told_ns + apart_ns);
+    tick_and_serve(s, sent_ns + apart_ns);
     expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
     tick_and_serve(s, now_ns + SECOND_NS);
     expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);

@@ -315,11 +315,12 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
 
 /* The peer hears of it at its turn. */
 static void look_at_first_light(struct lw_session *s, uint64_t now_ns) {
-    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
+    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING ||
+        s->sent_waiting.stage == LW_WAITING_READY)
         return;
-    if (now_ns < s->told_ns + LW_SERVER_WAITING_MS * 1000000ull) return;
+    if (now_ns < s->sent_waiting_ns + LW_SERVER_WAITING_MS * 1000000ull) return;
     const struct lw_waiting_state now = lw_waiting_read(s->shared->first_light);
-    if (now.stage == s->told.stage && now.share == s->told.share) return;
+    if (now.stage == s->sent_waiting.stage && now.share == s->sent_waiting.share) return;
     s->first_light_due = true;
     lw_session_queues_set_due(s, false);
 }

@@ -86,9 +86,9 @@ struct lw_session {
     struct lw_blob *control; /* welcome or refusal */
     enum lw_refusal refusal; /* in LW_SESSION_LEAVING */
     char refusal_text[LW_MESSAGE_TEXT_MAX + 1];
-    struct lw_waiting_state told; /* last, of the first light; UNKNOWN: nothing */
-    uint64_t told_ns;             /* when */
-    bool first_light_due;         /* it has come further since */
+    struct lw_waiting_state sent_waiting; /* last, of the first light; UNKNOWN: nothing */
+    uint64_t sent_waiting_ns;             /* when */
+    bool first_light_due;                 /* it has come further since */
     bool pong_due, ping_due;
     bool pinged; /* since it was heard */
     uint64_t pong_token;
