@@ -154,6 +154,10 @@ server/serve/sessions/turns server/serve/sessions/session'
 found=$(inclusions '*.[ch]' | sed 's/\.[ch]\b//g' | awk '$1 != $2' | grep -vxF "$parts" | circle || true)
 if [ -n "$found" ]; then complain "modules include each other; a part that needs its whole is listed in scripts/lint.sh:"$'\n'"$found"; fi
 
+# Calls: a function of A.c calls one of B.c, and B.c calls back.
+found=$(git ls-files {common,proto,server,client,relay}/'*.c' | xargs scripts/calls.pl | circle || true)
+if [ -n "$found" ]; then complain "files call each other; move a function down, or hand over a callback:"$'\n'"$found"; fi
+
 # A folder with more modules than a reader takes in at a glance holds more than one trade.
 modules_max=25
 crowded=$(git ls-files {common,proto,server,client,relay}/'*.c' | while read -r file; do

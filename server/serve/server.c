@@ -211,13 +211,6 @@ static size_t cut_report(const char *text, size_t size) {
     return size;
 }
 
-bool lw_server_make_page(void *context, const char *path, struct lw_server_page *out_page) {
-    struct lw_server *server = context;
-    if (!server->hooks.page(server->hooks.context, path, out_page)) return false;
-    if (strcmp(path, "/metrics") == 0) lw_relay_tree_add_metrics(&server->shared.tree, out_page);
-    return true;
-}
-
 /* Answers a question over the control socket. */
 static enum lw_report_code on_ask(void *context, const struct lw_message_ask *ask, char **out_text,
                                   size_t *out_size) {
@@ -225,7 +218,8 @@ static enum lw_report_code on_ask(void *context, const struct lw_message_ask *as
     struct lw_server_page page = {0};
     switch (ask->what) {
     case LW_ASK_STATS:
-        if (!server->hooks.page || !lw_server_make_page(server, "/metrics", &page)) return LW_REPORT_UNKNOWN;
+        if (!server->hooks.page || !lw_server_listeners_page(server, "/metrics", &page))
+            return LW_REPORT_UNKNOWN;
         *out_text = page.text;
         *out_size = cut_report(page.text, page.size);
         return LW_REPORT_DONE;

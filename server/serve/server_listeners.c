@@ -234,6 +234,13 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
     return LW_OK;
 }
 
+bool lw_server_listeners_page(void *context, const char *path, struct lw_server_page *out_page) {
+    struct lw_server *server = context;
+    if (!server->hooks.page(server->hooks.context, path, out_page)) return false;
+    if (strcmp(path, "/metrics") == 0) lw_relay_tree_add_metrics(&server->shared.tree, out_page);
+    return true;
+}
+
 static enum lw_status start_metrics(struct lw_server *server, const struct lw_server_desc *desc,
                                     struct lw_error *err) {
     if (!desc->metrics_host || (desc->sockets && desc->sockets->metrics < 0)) return LW_OK;
@@ -244,7 +251,7 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .hosts = desc->http_hosts,
                                            .tls = desc->metrics_guarded ? server->tcp.tls : NULL,
                                            .wants_token = desc->metrics_guarded,
-                                           .page = lw_server_make_page,
+                                           .page = lw_server_listeners_page,
                                            .page_context = server};
     enum lw_status status =
         start_listening(&server->metrics_listener, desc->sockets ? &desc->sockets->metrics : NULL,

@@ -99,7 +99,4 @@ static inline void lw_server_close_handle(uv_handle_t *handle) {
     if (handle->type != UV_UNKNOWN_HANDLE && !uv_is_closing(handle)) uv_close(handle, NULL);
 }
 
-/** Makes the program's page, with the relays below it. In server.c. context: the server */
-bool lw_server_make_page(void *context, const char *path, struct lw_server_page *out_page);
-
 #endif

@@ -120,12 +120,6 @@ bool lw_send_queue_start(struct lw_session_sending *sending, const struct lw_ses
     return true;
 }
 
-void lw_send_queue_finish_sending(struct lw_session_sending *sending) {
-    lw_blob_unref(sending->partial);
-    free(sending->held);
-    *sending = (struct lw_session_sending){0};
-}
-
 /* Finishes never delay the first light, and later they leave tiles most of a full link. */
 static struct lw_blob *next_finish_chunk(struct lw_session *s, bool tiles_wait) {
     if (!has_chunks(&s->finishes) || !s->has_first_light) return NULL;

@@ -138,14 +138,19 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     return s;
 }
 
+static void free_sending(struct lw_session_sending *sending) {
+    lw_blob_unref(sending->partial);
+    free(sending->held);
+}
+
 void lw_session_closed(struct lw_session *s) {
     struct lw_session_shared *shared = s->shared;
     LW_INVARIANT(s->state == LW_SESSION_CLOSED && !s->welcomed && !s->has_place && !s->is_turned_away);
     LW_INVARIANT(!s->queue && !s->inbox); /* nobody finds it any more */
     lw_blob_unref(s->control);
     for (struct lw_blob *blob; (blob = lw_session_take_answer(s));) lw_blob_unref(blob);
-    lw_send_queue_finish_sending(&s->package);
-    lw_send_queue_finish_sending(&s->finishes);
+    free_sending(&s->package);
+    free_sending(&s->finishes);
     lw_message_reader_clear(&s->input);
     for (uint32_t i = 0; i < s->take_count; i++) {
         free(s->take[i].sent);
