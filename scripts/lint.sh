@@ -146,6 +146,7 @@ common/lightmap/lightmap_pack common/lightmap/lightmap
 common/lightmap/lightmap_shape common/lightmap/lightmap
 common/lightmap/lightmap_split common/lightmap/lightmap_chart
 common/base/options_manual common/base/options
+common/base/options_range common/base/options
 server/import/foreign/foreign_import server/import/foreign/foreign
 server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
 server/serve/server_private server/serve/server
