@@ -132,7 +132,7 @@ struct lw_sky_sample {
     float pdf;                /* bright: density among the bright ones */
 };
 struct lw_sky_sample lw_lights_sample_sky(const struct lw_lights *lights, float u, float v);
-/** That sample for one surface. out_cosine: of its direction with the normal; 0 or less is below the
+/** Applies it to one surface. out_cosine: of its direction with the normal; 0 or less is below the
  * surface, and irradiance_normal is 0. Only where lights->sky_luminance > 0. */
 struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_sample *sky,
                                            struct lw_vec3 normal_ws, float *out_cosine);

@@ -78,8 +78,8 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     LW_INVARIANT(snapshot->tile_count == shared->atlas_map->tile_count);
     LW_INVARIANT(!shared->snapshot || snapshot->frame >= shared->snapshot->frame);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
-        if (shared->channels_served >> f & 1 && lw_snapshot_has(snapshot, f))
-            adopt_channel(server, &shared->channel[f], snapshot);
+        if (shared->channels.served >> f & 1 && lw_snapshot_has(snapshot, f))
+            adopt_channel(server, &shared->channels.at[f], snapshot);
     lw_fine_names_review(&shared->fine, snapshot);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
@@ -146,7 +146,7 @@ void lw_server_handover_interest(struct lw_server *server) {
 }
 
 void lw_server_handover_wake_relay(struct lw_server *server) {
-    const uint32_t channels = server->shared.channels_taken;
+    const uint32_t channels = server->shared.channels.taken;
     if (!server->hooks.news) return;
     uv_mutex_lock(&server->mutex);
     const bool news = server->has_interest;
@@ -174,7 +174,7 @@ uint32_t lw_server_get_relays_below(struct lw_server *server, struct lw_relay_tr
     return lw_relay_tree_get(&server->shared.tree, out_node, capacity);
 }
 
-uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels_taken; }
+uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels.taken; }
 
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count) {
@@ -271,10 +271,10 @@ static void count_outside(struct lw_session_shared *shared, const struct lw_serv
     else
         (more ? lw_interest_union_add : lw_interest_union_remove)(all, outside->tile, outside->tile_count);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
-        struct lw_session_channel *channel = &shared->channel[c];
+        struct lw_session_channel *channel = &shared->channels.at[c];
         if (!(outside->channels >> c & 1)) continue;
         LW_INVARIANT(more || channel->session_count > 0);
-        if (more ? !channel->session_count++ : !--channel->session_count) shared->channels_taken ^= 1u << c;
+        if (more ? !channel->session_count++ : !--channel->session_count) shared->channels.taken ^= 1u << c;
     }
 }
 
@@ -299,7 +299,7 @@ static void take_outside(struct lw_server *server) {
     server->next_outside = (struct lw_server_outside_copy){0};
     uv_mutex_unlock(&server->mutex);
     if (!has_next) return;
-    next.channels &= shared->channels_served;
+    next.channels &= shared->channels.served;
     /* in this order, so that a tile of both is never without interest */
     name_fine(shared, &next);
     count_outside(shared, &next, true);

@@ -104,19 +104,19 @@ static int start(void **state) {
     scene->mesh[0].atlas_width = scene->mesh[0].atlas_height = 16;
     lw_support_ok(lw_atlas_map_init(&map, scene), NULL);
     shared.atlas_map = &map;
-    shared.channels_served = lw_light_form_bit(LW_LIGHT_FORM_FULL);
+    shared.channels.served = lw_light_form_bit(LW_LIGHT_FORM_FULL);
     lw_support_ok(lw_interest_union_init(&shared.interest_union, &map), NULL);
     lw_support_ok(lw_updates_init(&shared.updates), NULL);
     assert_int_equal(uv_mutex_init(&shared.stats_mutex), 0);
     shared.welcome =
         (struct lw_message_welcome){.version = LW_WIRE_VERSION, .package_size = 1, .name = "test"};
-    shared.sessions_max = LW_SERVER_SESSIONS_MAX;
+    shared.limits.sessions_max = LW_SERVER_SESSIONS_MAX;
     shared.parse.budget = LW_SERVER_PARSE_MAX;
-    shared.hello_timeout_ns = LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS;
-    shared.package_timeout_ns = LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS;
-    shared.stall_timeout_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS;
-    shared.excess_timeout_ns = LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS;
-    shared.silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS;
+    shared.limits.hello_timeout_ns = LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS;
+    shared.limits.package_timeout_ns = LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS;
+    shared.limits.stall_timeout_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS;
+    shared.limits.excess_timeout_ns = LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS;
+    shared.limits.silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS;
     shared.on_open = shared.on_close = note;
     static uint8_t data[LW_SESSION_CHUNK];
     shared.package.chunk = calloc(CHUNKS, sizeof *shared.package.chunk);
@@ -156,7 +156,7 @@ static int close_sessions(void **state) {
 
 /* Everything that is due, in as many turns as that takes. */
 static void serve(void) {
-    while (shared.due[0].first || shared.due[1].first) lw_turns_serve_due(&shared, UINT64_MAX);
+    while (shared.queues.due[0].first || shared.queues.due[1].first) lw_turns_serve_due(&shared, UINT64_MAX);
 }
 
 /* NULL: there was no room to say no. */
@@ -251,7 +251,7 @@ static void test_hello_where_places_are_short(void **state) {
     struct lw_tokens tokens = {0};
     struct lw_session *s[LW_SERVER_KEPT_ONE_IN];
     shared.tokens = &tokens;
-    shared.sessions_max = LW_SERVER_KEPT_ONE_IN; /* one of them is kept */
+    shared.limits.sessions_max = LW_SERVER_KEPT_ONE_IN; /* one of them is kept */
     const uint64_t limit_ns = START_NS + LW_SERVER_CROWDED_HELLO_S * SECOND_NS;
     for (unsigned i = 0; i + 1 < LW_SERVER_KEPT_ONE_IN; i++) s[i] = open_from(i, false);
     tick_and_serve(s[0], limit_ns + 1); /* it has the usual time */
@@ -421,7 +421,7 @@ static void test_messages_of_a_turn(void **state) {
     say(s, &holds, LW_SERVER_TURN_MESSAGES - 1);
     assert_null(s->inbox);
     say(s, &holds, LW_SERVER_TURN_MESSAGES + 1);
-    assert_ptr_equal(s->inbox, &shared.unread);
+    assert_ptr_equal(s->inbox, &shared.queues.unread);
     const double left = s->rates.left[LW_MESSAGE_RATES_HOLDS];
     lw_turns_read_on(&shared); /* the last one has the next turn, and then the peer is read again */
     assert_null(s->inbox);
@@ -531,7 +531,7 @@ static void test_places_of_an_address(void **state) {
 
 static void test_turned_away(void **state) {
     (void)state;
-    shared.sessions_max = 1;
+    shared.limits.sessions_max = 1;
     (void)open_from(0, false);
     unsigned address = 1;
     for (unsigned all = 0; all < LW_SERVER_TURNED_AWAY_MAX; all++) {
@@ -570,7 +570,7 @@ static void test_connecting_too_often(void **state) {
     assert_true(is_refused(s, LW_REFUSAL_RATE) && has_refusal(s));
     assert_string_equal(link->text, "this address connects too often: 50 times a second at most");
     assert_int_equal(shared.place_count, 0);
-    shared.address_sessions_max = 1; /* there is a least, for browsers, which open several at once */
+    shared.limits.address_sessions_max = 1; /* there is a least, for browsers, which open several at once */
     const struct lw_address third = {{3}, false};
     for (count = 0; lw_session_may_connect(&shared, &third); count++) {
     }
@@ -579,7 +579,7 @@ static void test_connecting_too_often(void **state) {
 
 static void test_turned_away_of_an_address(void **state) {
     (void)state;
-    shared.sessions_max = 1;
+    shared.limits.sessions_max = 1;
     (void)open_from(0, false);
     for (unsigned i = 0; i < LW_SERVER_ADDRESS_TURNED_AWAY_MAX; i++)
         assert_true(is_refused(open_from(1, false), LW_REFUSAL_FULL));
