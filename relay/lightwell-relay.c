@@ -129,11 +129,11 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         LW_SERVE_OPTIONS(&s->serve),
         LW_ACCESS_OPTIONS(&s->access_options),
         {"updates", "HOST[:PORT]",
-         "with UPSTREAM of NATS, which carries light alone: send the changes that clients make there, to the "
-         "lightwelld that publishes the light, or to a relay of it; unix:PATH, too (default: to UPSTREAM)",
+         "the server that takes the changes of clients, where UPSTREAM is NATS, which carries light alone: "
+         "the lightwelld that publishes the light, or a relay of it; unix:PATH, too (default: UPSTREAM)",
          LW_OPTION_STRING, &s->updates, 0, 0, NULL},
         {"cache", "FOLDER",
-         "keep scene packages there by their hashes, so that none is downloaded twice; \"\": nowhere "
+         "keep scene packages there, so that none is downloaded twice; \"\": nowhere "
          "(default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         LW_OPTIONS_CONFIG(&s->config),
@@ -142,7 +142,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     const struct lw_options options = {
         .program = "lightwell-relay",
         .synopsis = "UPSTREAM[,UPSTREAM...] [OPTIONS]",
-        .about = "Passes on the light of a lightwelld, or of another relay, to clients of its own. It solves "
+        .about = "Forwards the light of a lightwelld, or of another relay, to clients of its own. It solves "
                  "nothing, and clients notice no difference.\n"
                  "UPSTREAM is HOST[:PORT], unix:PATH, nats://HOST:PORT[/SCENE] or tls://HOST:PORT[/SCENE], "
                  "which is NATS by TLS. Of several, the next one "

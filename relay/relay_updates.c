@@ -204,7 +204,7 @@ static void serve_control(struct lw_relay_updates *u, struct control *c) {
         free_control(c);
 }
 
-/* How long nothing is due, ms; -1: until it is woken. */
+/* Time until something is due, ms; -1: nothing is. */
 static int time_left(const struct lw_relay_updates *u) {
     int left_ms = -1;
     for (const struct control *c = u->control; c < u->control + LW_RELAY_UPDATES_TOKENS_MAX; c++) {

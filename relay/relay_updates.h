@@ -2,8 +2,8 @@
  * clients.
  * Flow:    clients -> lw_server_take_passed() -> [relay_updates] -> relay_upstream -> server above
  *          server above -> relay_upstream -> [relay_updates] -> lw_server_answer_passed() -> clients
- * Threads: a thread of its own, so that light does not wait while a server is connected to. These functions are
- *          for main(), but lw_relay_updates_wake() and lw_relay_updates_get_stats() are [any]. */
+ * Threads: a thread of its own: light does not wait for a connect. These functions are for main(), but
+ *          lw_relay_updates_wake() and lw_relay_updates_get_stats() are [any]. */
 #ifndef LW_RELAY_RELAY_UPDATES_H
 #define LW_RELAY_RELAY_UPDATES_H
 
@@ -33,7 +33,7 @@ struct lw_relay_updates_desc {
 
 struct lw_relay_updates_stats {
     uint64_t passed; /* updates of clients */
-    uint64_t cpu_ns; /* of the thread */
+    uint64_t cpu_ns; /* processor time of the thread */
 };
 
 struct lw_relay_updates;

@@ -255,6 +255,24 @@ static void make_key(const struct lw_daemon *d, uint8_t out_key[LW_SAVED_LIGHT_K
     memcpy(out_key, hash.bytes, LW_SAVED_LIGHT_KEY_SIZE);
 }
 
+/* Changes name objects, lights and materials by number, so the key is the package. */
+static enum lw_status restore_changes(struct lw_daemon *d, struct lw_error *err) {
+    struct lw_package_hash hash;
+    size_t count;
+    lw_package_hash(d->package, d->package_size, &hash);
+    enum lw_status status =
+        lw_change_store_open(&d->change_store, d->settings.keep, hash.bytes, &d->restored, &count, err);
+    if (status != LW_OK) return status;
+    d->restored_count = lw_server_begin_with_changes(d->server, d->restored, count);
+    if (d->restored_count < count)
+        lw_log(LW_LOG_WARNING, "%s: change %zu of %zu cannot be made: it and later ones are left out",
+               d->change_store.path, d->restored_count + 1, count);
+    if (d->restored_count)
+        lw_log(LW_LOG_INFO,
+               "going on with the scene as clients have changed it: lightwellctl reset takes it back");
+    return LW_OK;
+}
+
 /* Clients get it as soon as the server runs, seconds before the solver has texels to light. */
 enum lw_status lw_daemon_restore_light(struct lw_daemon *d, struct lw_error *err) {
     uint8_t key[LW_SAVED_LIGHT_KEY_SIZE];
@@ -262,6 +280,10 @@ enum lw_status lw_daemon_restore_light(struct lw_daemon *d, struct lw_error *err
     enum lw_status status = lw_light_store_init(&d->light_store, d->settings.keep, key, err);
     if (status != LW_OK) {
         lw_status_context(err, "--keep");
+        return status;
+    }
+    if (d->settings.keep_changes && (status = restore_changes(d, err)) != LW_OK) {
+        lw_status_context(err, "--keep-changes");
         return status;
     }
     struct lw_snapshot *snapshot =
@@ -308,6 +330,8 @@ void lw_daemon_finish(struct lw_daemon *d) {
     lw_nats_publisher_destroy(d->nats); /* it uses the server */
     lw_server_destroy(d->server);
     lw_daemon_metrics_finish(&d->metrics);
+    lw_change_store_finish(&d->change_store);
+    free(d->restored);
     lw_light_store_finish(&d->light_store);
     lw_publisher_destroy(d->publisher);
     d->cancel = true; /* the solver of the whole density may still be built */

@@ -13,6 +13,7 @@
 #include "server/daemon_settings.h"
 #include "server/file_stamp.h"
 #include "server/nats/nats_publisher.h"
+#include "server/publish/change_store.h"
 #include "server/publish/light_store.h"
 #include "server/publish/publisher.h"
 #include "server/serve/server.h"
@@ -59,7 +60,10 @@ struct lw_daemon {
     struct lw_server *server;
     struct lw_nats_publisher *nats; /* NULL: none */
     pthread_t solver_thread;
-    struct lw_light_store light_store; /* if --keep says so */
+    struct lw_light_store light_store;   /* if --keep says so */
+    struct lw_change_store change_store; /* if --keep-changes does */
+    struct lw_scene_change *restored;    /* changes of the last run, for the first frame */
+    size_t restored_count;
     _Atomic bool stopping;
     _Atomic bool cancel;            /* ends a frame under way */
     _Atomic bool lit;               /* the solver has had a frame */
@@ -102,7 +106,8 @@ LW_MUST_CHECK enum lw_status lw_daemon_read_scene(struct lw_daemon *daemon, stru
 LW_MUST_CHECK enum lw_status lw_daemon_create_server(struct lw_daemon *daemon,
                                                      struct lw_server_sockets *sockets, struct lw_error *err);
 /** Shows the light of the last run, for --keep. Clients get it as soon as the server runs, seconds before the
- * solver has texels to light. Errors: lw_light_store_init()'s. */
+ * solver has texels to light. With --keep-changes the first frame makes the changes of that run.
+ * Errors: lw_light_store_init()'s, lw_change_store_open()'s. */
 LW_MUST_CHECK enum lw_status lw_daemon_restore_light(struct lw_daemon *daemon, struct lw_error *err);
 /** Makes solver and publisher. Errors: theirs. */
 LW_MUST_CHECK enum lw_status lw_daemon_set_up_solver(struct lw_daemon *daemon, struct lw_error *err);

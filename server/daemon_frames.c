@@ -116,7 +116,13 @@ static size_t simulate(struct lw_daemon *d, uint64_t frame, size_t *out_change_c
     const double wall_s = wall_time(d, frame);
     struct lw_scene_change *change;
     size_t count = lw_server_take_updates(d->server, frame, &change, out_change_count);
+    for (size_t i = 0; i < d->restored_count; i++) /* the server has checked the updates after these */
+        lw_scene_state_change(&d->state, &d->restored[i], wall_s);
+    d->restored_count = 0;
     for (size_t i = 0; i < *out_change_count; i++) lw_scene_state_change(&d->state, &change[i], wall_s);
+    if (d->settings.keep_changes &&
+        !lw_change_store_add(&d->change_store, change, *out_change_count, &d->state, wall_s))
+        lw_daemon_metrics_save_failed(&d->metrics);
     free(change);
     lw_scene_state_pose(&d->state, wall_s, &d->pose);
     return count;

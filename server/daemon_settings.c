@@ -57,6 +57,8 @@ static enum lw_status check(struct lw_daemon_settings *s, struct lw_error *err) 
         return status;
     }
     if ((status = lw_combinations_check(choices_of(s), err)) != LW_OK) return status;
+    if (s->keep_changes && !s->keep)
+        return lw_status_fail(err, LW_USAGE, "--keep-changes needs a folder: --keep FOLDER");
     status = lw_serve_options_check(&s->serve, err);
     if (status == LW_OK && s->nats &&
         (status = lw_nats_wire_address(s->nats, &s->nats_address, err)) != LW_OK)
@@ -104,21 +106,21 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
     const struct lw_option table[] = {
         LW_SERVE_OPTIONS(&s->serve),
         {"nats", "nats://HOST:PORT[/SCENE]",
-         "also publish the light there, under the name SCENE (default \"scene\"), for lightwell-relay; the "
-         "nats-server needs JetStream. tls:// in place of nats:// is by TLS (default: none)",
+         "also publish the light there for lightwell-relay, under the name SCENE (default \"scene\"). The "
+         "nats-server needs JetStream. tls:// in place of nats:// connects by TLS (default: none)",
          LW_OPTION_STRING, &s->nats, 0, 0, NULL},
         {"ca", "FILE",
-         "with --nats tls://...: a file with the certificate, in PEM, of the nats-server to believe, or of "
+         "with --nats tls://...: a PEM file with the certificate of the nats-server to trust, or of "
          "its issuer (default: the issuers that the system believes)",
          LW_OPTION_STRING, &s->nats_trust.ca, 0, 0, NULL},
         {"tls-insecure", NULL,
-         "with --nats tls://...: believe anybody who answers: whom it goes through can read and change all "
-         "of it. For tests",
+         "with --nats tls://...: no check of certificates, for tests. An attacker on the way can read and "
+         "change everything",
          LW_OPTION_FLAG, &s->nats_trust.trusts_all, 0, 0, NULL},
         LW_OPTIONS_CONFIG(&s->config),
         {"crossover-report", "FOLDER",
-         "a folder that lightwell-load crossover has written, for the cost meter of /metrics: what "
-         "renderers for each user cost (default none)",
+         "a folder that lightwell-load crossover has written: costs of renderers for each user, for the cost "
+         "meter of /metrics (default none)",
          LW_OPTION_STRING, &s->crossover_report, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
@@ -133,58 +135,58 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
         {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01,
          1000, NULL},
         {"frame-budget-ms", "MS",
-         "wall time that a frame may take for solving, about, so that changes are heard of soon; what is "
-         "left is for the next. inf: as long as it takes. Under the real clock alone (default 33)",
+         "solving time of a frame, roughly; the rest of the work waits for the next frame. A short budget "
+         "makes changes show sooner. inf: no limit. Under the real clock alone (default 33)",
          LW_OPTION_REAL, &s->frame_budget_ms, 1, (double)INFINITY, NULL},
         {"frame-budget-units", "N",
-         "work that a frame may do, about, as the texels that it solves if it does nothing else: a budget "
-         "that is repeatable. Under the step and manual clocks alone (default inf)",
+         "solving work of a frame, roughly, counted in solved texels, so that runs are repeatable. Under the "
+         "step and manual clocks alone (default inf)",
          LW_OPTION_REAL, &s->frame_budget_units, 1, (double)INFINITY, NULL},
         {"detail", "N",
-         "lightmaps are up to 2^N times finer where somebody is near, for clients that can read such (0 to "
-         "4; default 4)",
+         "lightmaps near somebody are up to 2^N times finer, for clients that read finer levels (0 to 4; "
+         "default 4)",
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
         {"memory", "MB",
-         "memory for light, at most. Where the lightmaps of all of the scene fit, the rest is for what is "
-         "finer; else only what clients look at is as dense as asked for (default: half of the machine's; "
-         "for what is finer a 32nd of the machine's, up to 805)",
+         "memory for light, at most. If the lightmaps of the whole scene fit, the rest is for finer ones. If "
+         "not, only what clients look at has the full density (default: half of the machine's, and a 32nd of "
+         "it, up to 805, for finer lightmaps)",
          LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
         {"plan-log", "FILE",
-         "write there what each frame verifies, solves and shows, and why; for reports of faults. It grows "
-         "by what changes, some kB a frame (default: none)",
+         "write there what each frame verifies, solves and shows, and why, for bug reports; some kB a frame "
+         "(default: none)",
          LW_OPTION_STRING, &s->plan_log, 0, 0, NULL},
         {"clock", "real|step|manual",
-         "real: scene time is wall time (default). step: 1/30 s of scene time per solved frame, "
-         "repeatable. manual: the same, and a frame begins with each line on stdin, whose end stops the "
-         "server",
+         "real: scene time is wall time (default). step: 1/30 s of scene time a solved frame, repeatable. "
+         "manual: like step; each line on stdin begins a frame, and its end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
-        {"light", "whole|seen", "seen: what clients look at and what lights it (default). whole: all of it",
+        {"light", "whole|seen",
+         "seen: solve what clients look at, and what lights it (default). whole: solve everything",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"prepare", "SECONDS",
-         "with --light seen, light is made better for so long while nobody looks, all over the scene, so "
-         "that who comes first finds it good; then nothing is solved until somebody does. Under the real "
-         "clock alone (default 120)",
+         "with --light seen: seconds of solving the whole scene while no client looks, so that the first "
+         "client finds good light. After that nothing is solved until a client looks. Under the real clock "
+         "alone (default 120)",
          LW_OPTION_REAL, &s->prepare_s, 0, 1e9, NULL},
         {"light-groups", "NAMES",
-         "lights that have a layer of their own, so that to dim, recolour or switch them takes no ray: "
-         "names of lights, emissive materials or \"sky\", apart by commas; up to three groups, apart by "
-         "semicolons. none: one layer for all (default: what the scene's animation moves)",
+         "lights with a layer of their own, which can be dimmed, recoloured and switched without a ray: "
+         "names of lights, emissive materials or \"sky\", separated by commas; up to three groups, separated "
+         "by semicolons. none: one layer for all (default: the lights that the animation changes)",
          LW_OPTION_STRING, &s->light_groups, 0, 0, NULL},
         {"client-lights", "auto|lamps|none|NAMES",
-         "lights whose direct light clients draw at their pixels, if they can; all others get it in tiles. "
-         "auto: what the scene's file says, else suns, points, spots and small emissive surfaces "
-         "(default). lamps: without the surfaces. none; or names of lights and emissive materials, apart "
-         "by commas",
+         "lights whose direct light clients draw at their pixels, if they can; the light of all others is in "
+         "tiles. auto: what the scene's file says, else suns, points, spots and small emissive surfaces "
+         "(default). lamps: the same without surfaces. none. NAMES: these lights and emissive materials, "
+         "separated by commas",
          LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"codec", "half|dct",
-         "dct: tiles as exact as their noise lets them be (default). half: 16-bit floats, twenty to sixty "
-         "times the bytes, for clients that read nothing else",
+         "dct: tiles as exact as their noise allows (default). half: 16-bit floats, twenty to sixty times "
+         "the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
         {"tile-step", "STEP",
-         "dct's widest step, in powers of two of light (default 0.1); twice that: a third fewer bits, up "
-         "to twice the error",
+         "widest quantisation step of dct, in powers of two of light (default 0.1). Twice that: a third "
+         "fewer bits, up to twice the error",
          LW_OPTION_REAL, &s->tile_step, (double)LW_PUBLISHER_STEP_MIN, 1, NULL},
-        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
+        {"seed", "N", "seed of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
         {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9,
@@ -194,33 +196,37 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
         {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
          NULL},
         {"stall-limit", "SECONDS",
-         "a frame that takes longer counts as a hang, which a service manager ends (default 600; six times "
-         "that until first light)",
+         "a frame that takes longer counts as a hang, and a service manager restarts the server (default "
+         "600; six times that until first light)",
          LW_OPTION_REAL, &s->stall_s, 0.001, 1e9, NULL},
         {"keep", "FOLDER",
-         "keep the light there over a restart: what was shown, and of a scene that never changed the sums "
-         "as well",
+         "keep the light in this folder over a restart: the light that clients saw, and the sums of a scene "
+         "that never changed",
          LW_OPTION_STRING, &s->keep, 0, 0, NULL},
+        {"keep-changes", NULL,
+         "keep the changes that clients make to the scene in the folder of --keep. Each is written before it "
+         "is answered, and the next run makes them again, after a kill, too",
+         LW_OPTION_FLAG, &s->keep_changes, 0, 0, NULL},
         {"cache", "FOLDER",
-         "keep there what is found once per scene, so that the next start need not look inside objects "
-         "again; \"\": nowhere (default $XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
+         "keep there what is found once per scene, so that the next start is sooner; \"\": nowhere (default "
+         "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         {"directional", "auto|on|off",
-         "keep where light comes from, so that clients show normal maps and gloss by it. auto: of objects "
-         "with a normal map, or whose roughness is textured or under 0.6 (default). on: of all objects",
+         "tiles with the direction of their light, for normal maps and gloss. auto: for objects with a "
+         "normal map, or with a roughness that is textured or under 0.6 (default). on: for all objects",
          LW_OPTION_CHOICE, &s->directional, 0, 0, NULL},
         {"first-light", "coarse|whole",
-         "coarse: under the real clock, a picture of a quarter of the density first, while all detail is "
-         "prepared (default). whole: no light before that",
+         "coarse: under the real clock, show light of a quarter of the density first (default). whole: show "
+         "nothing before all detail is there",
          LW_OPTION_CHOICE, &s->first, 0, 0, NULL},
         {"spares", "MESH=N,...",
-         "keep room for N more objects of a mesh, for lightwellctl add; N alone is for every mesh. Costs "
-         "the memory of as many objects, and no ray (default: none; what is removed can be added again)",
+         "reserve N more objects of a mesh for lightwellctl add; N alone: of every mesh. A reserve takes the "
+         "memory of its objects, and no ray (default: none; removed objects can be added again)",
          LW_OPTION_STRING, &s->spares, 0, 0, NULL},
         LW_LOG_OPTIONS(&s->log_format, &s->log_level),
         {"json", NULL, "print one JSON object per frame to stdout", LW_OPTION_FLAG, &s->json, 0, 0, NULL},
         {"plain-sky", NULL,
-         "where nothing shines in the scene, light it by an even sky of 1 W/(m^2 sr) instead of refusing it",
+         "light a scene without any light by an even sky of 1 W/(m^2 sr), instead of refusing it",
          LW_OPTION_FLAG, &s->scene.plain_sky, 0, 0, NULL},
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };

@@ -41,7 +41,7 @@ struct lw_daemon_settings {
     struct lw_probe_options probes;
     int denoise;
     double frame_rate, frame_budget_ms, frame_budget_units, freeze_s, error, tile_step, stall_s, prepare_s;
-    bool animate, freeze, json;
+    bool animate, freeze, json, keep_changes;
     int clock, light, first, directional, codec, log_format, log_level;
     char default_cache[1024];
 };

@@ -15,6 +15,7 @@
 #include "common/scene/package.h"
 #include "server/bake/bake.h"
 #include "server/bake/bake_memory.h"
+#include "server/bake/direction_maps.h"
 #include "server/bake/glb_scene.h"
 #include "server/bake/manifest.h"
 #include "server/bake/map_names.h"
@@ -49,8 +50,8 @@ struct settings {
     double error, subdivide, vpl_near, time_s, limit_s, interval_s;
     struct lw_probe_options probes;
     bool samples_given, error_given, as_float, gltf_lights, gltf_split_sides, denoise, restart, indirect_only,
-        keep_visibility, directional;
-    int convention, sides, undersample;
+        keep_visibility, directional, direction_form_given;
+    int convention, direction_form, sides, undersample;
     int64_t window, directions, vpl_lights, vpl_sets, memory_mb;
 };
 
@@ -218,6 +219,10 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "also write where light comes from, for normal maps and gloss: a vector a texel, in "
          "DIR/" DIRECTIONS_FOLDER " (docs/baking.md)",
          LW_OPTION_FLAG, &s->directional, 0, 0, NULL},
+        {"direction-form", LW_DIRECTION_MAPS_CHOICES,
+         "such directions for whom: own, the formula of docs/baking.md (default); dominant: Unity's "
+         "directional lightmaps; sh: Godot 4's. --directional is implied",
+         LW_OPTION_CHOICE, &s->direction_form, 0, 0, &s->direction_form_given},
         {"float", NULL, "32-bit EXRs (default: 16-bit, but where that would lose light)", LW_OPTION_FLAG,
          &s->as_float, 0, 0, NULL},
         {"gltf-out", "FILE.glb", "also write the scene with lightmap coordinates and maps on its materials",
@@ -259,6 +264,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
     enum lw_status status = lw_options_parse(&options, argc, argv, NULL, out_done, err);
     if (status != LW_OK || *out_done) return status;
     s->scene.path = scene[0];
+    s->directional |= s->direction_form_given;
     if ((status = lw_solvers_find(s->solver, &s->entry, err)) != LW_OK) {
         lw_status_context(err, "--solver");
         return status;
@@ -568,15 +574,33 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
     return status;
 }
 
-/* Writes the directions of an object's light: one vector a texel. */
+/* The directions of an object's light in the form that was asked for. */
+static enum lw_status build_directions(struct baker *b, const struct lw_map *irradiance,
+                                       struct lw_map *out_map, struct lw_error *err) {
+    const enum lw_direction_maps_kind kind = (enum lw_direction_maps_kind)b->settings.direction_form;
+    struct lw_map normals = {0};
+    enum lw_status status =
+        lw_map_build_directions(out_map, b->scene, &b->atlas_map, b->solver, b->form, irradiance, err);
+    if (status != LW_OK) return status;
+    if (kind != LW_DIRECTION_MAPS_OWN)
+        status = lw_map_build_normals(&normals, b->scene, &b->atlas_map, &b->pose, b->solver,
+                                      irradiance->object, err);
+    if (status == LW_OK) status = lw_direction_maps_convert(out_map, kind, &normals, irradiance, err);
+    lw_map_finish(&normals);
+    if (status != LW_OK) lw_map_finish(out_map);
+    return status;
+}
+
 static enum lw_status write_directions(struct baker *b, const struct lw_map *irradiance, const char *name,
                                        struct lw_error *err) {
+    const struct lw_direction_maps_form *form =
+        lw_direction_maps_get((enum lw_direction_maps_kind)b->settings.direction_form);
     struct lw_map map;
-    enum lw_status status =
-        lw_map_build_directions(&map, b->scene, &b->atlas_map, b->solver, b->form, irradiance, err);
+    enum lw_status status = build_directions(b, irradiance, &map, err);
     if (status != LW_OK) return status;
-    const struct lw_image_attribute attribute[] = {{"units", "1"},
-                                                   {"quantity", "cosine moment over irradiance"},
+    const struct lw_image_attribute attribute[] = {{"units", form->units},
+                                                   {"quantity", form->quantity},
+                                                   {"directionForm", form->name},
                                                    {"axes", "world, as glTF has them: y up"},
                                                    {"software", "lightwell " LW_VERSION},
                                                    {"object", b->scene->object[map.object].name}};
@@ -587,7 +611,7 @@ static enum lw_status write_directions(struct baker *b, const struct lw_map *irr
                                                .width = map.width,
                                                .height = map.height,
                                                .channels = 4,
-                                               .half = !b->settings.as_float,
+                                               .half = map.fits_half && !b->settings.as_float,
                                                .attribute = attribute,
                                                .attribute_count = sizeof attribute / sizeof *attribute},
                         err)
@@ -642,6 +666,11 @@ static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_erro
     return status;
 }
 
+static const char *direction_form(const struct settings *s) {
+    return s->directional ? lw_direction_maps_get((enum lw_direction_maps_kind)s->direction_form)->name
+                          : NULL;
+}
+
 static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
     const struct lw_manifest_desc desc = {.scene = b->scene,
@@ -653,6 +682,7 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
                                           .samples = (uint32_t)s->samples,
                                           .bounces = (uint32_t)s->bounces,
                                           .denoised = s->denoise,
+                                          .direction_form = direction_form(s),
                                           .left_out = s->indirect_only ? &b->left_out : NULL,
                                           .seed = (uint32_t)s->seed,
                                           .error = (float)s->error};
@@ -664,6 +694,8 @@ static enum lw_status begin_index(struct baker *b, struct lw_error *err) {
         lw_glb_scene_init(&b->glb, &(struct lw_glb_scene_desc){.scene = b->scene,
                                                                .convention = b->convention,
                                                                .map_folder = b->map_folder,
+                                                               .direction_folder = DIRECTIONS_FOLDER,
+                                                               .direction_form = direction_form(s),
                                                                .split_sides = s->gltf_split_sides,
                                                                .with_lights = s->gltf_lights,
                                                                .drawn = b->left_out.light});

@@ -24,12 +24,12 @@ struct lw_access_options {
 };
 
 #define LW_ACCESS_TOKEN_HELP                                                                                 \
-    "A file that holds the token to connect with, which nobody else may read (default: the token in "        \
-    "$LIGHTWELL_TOKEN, if it is set)."
+    "a file with the token to connect with; nobody else may read it (default: the token in "                 \
+    "$LIGHTWELL_TOKEN, if it is set)"
 
 #define LW_ACCESS_CA_HELP                                                                                    \
-    "A file with the certificate, in PEM, of a server to believe, or of its issuer; it means --tls "         \
-    "(default: the issuers that the system believes)."
+    "a PEM file with the certificate of a server to trust, or of its issuer; it means --tls (default: the "  \
+    "issuers that the system trusts)"
 
 /** The rows of an option table that fill this. options: a pointer to a struct lw_access_options. */
 #define LW_ACCESS_OPTIONS(options)                                                                           \
@@ -39,8 +39,7 @@ struct lw_access_options {
      .kind = LW_OPTION_STRING,                                                                               \
      .value = &(options)->token_file},                                                                       \
         {.name = "tls",                                                                                      \
-         .help = "Speak TLS 1.3 with the server, whose certificate must be for the name that it is called "  \
-                 "by.",                                                                                      \
+         .help = "connect by TLS 1.3; the server's certificate must be for the name in its address",         \
          .kind = LW_OPTION_FLAG,                                                                             \
          .value = &(options)->tls},                                                                          \
         {.name = "ca",                                                                                       \
@@ -50,8 +49,8 @@ struct lw_access_options {
          .value = &(options)->ca},                                                                           \
     {                                                                                                        \
         .name = "tls-insecure",                                                                              \
-        .help = "TLS with anybody who answers: whom it goes through can read and change "                    \
-                "all of it. For tests.",                                                                     \
+        .help = "TLS without a check of certificates, for tests. An attacker on the way can read and "       \
+                "change everything",                                                                         \
         .kind = LW_OPTION_FLAG, .value = &(options)->tls_insecure                                            \
     }
 

@@ -275,8 +275,8 @@ static void print_option(const struct lw_option *o, unsigned indent, unsigned co
 
 static void print_help(const struct lw_options *options) {
     static const struct lw_option own[] = {
-        {.name = "help", .help = "Print this and end.", .kind = LW_OPTION_FLAG},
-        {.name = "version", .help = "Print the version and end.", .kind = LW_OPTION_FLAG}};
+        {.name = "help", .help = "print these options and end", .kind = LW_OPTION_FLAG},
+        {.name = "version", .help = "print the version and end", .kind = LW_OPTION_FLAG}};
     unsigned columns = help_columns(), indent = 0;
     for (size_t i = 0; i < options->count; i++) {
         unsigned length = options->table[i].help ? heading_length(&options->table[i]) + 2 : 0;

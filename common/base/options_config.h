@@ -30,11 +30,11 @@ struct lw_options_config {
 /** Rows of an option table. config: a struct lw_options_config. */
 #define LW_OPTIONS_CONFIG(config)                                                                            \
     {"config", "FILE",                                                                                       \
-     "read options from there, one KEY = VALUE a line: options here go before, then LIGHTWELL_KEY of the "   \
-     "environment, then the file",                                                                           \
+     "read options from this file, one KEY = VALUE a line. The environment (LIGHTWELL_KEY) wins over the "   \
+     "file, and the command line over both",                                                                 \
      LW_OPTION_STRING, (void *)&(config)->path, 0, 0, NULL},                                                 \
     {"check-config", NULL, "check all options, and end", LW_OPTION_FLAG, &(config)->check, 0, 0, NULL},      \
-    {"print-config", NULL, "print what all options are, as a file for --config, and end", LW_OPTION_FLAG,    \
+    {"print-config", NULL, "print all options and values as a file for --config, and end", LW_OPTION_FLAG,   \
      &(config)->print, 0, 0, NULL}
 /* clang-format on */
 

@@ -184,3 +184,136 @@ void lw_scene_state_pose(const struct lw_scene_state *state, double wall_s, stru
         if (light->has_direction) pose->light[i].direction_ws = light->now.direction_ws;
     }
 }
+
+/* ---- as changes ---- */
+
+/* A list that grows. After a failure nothing is added. */
+struct change_list {
+    struct lw_scene_change *change;
+    size_t count, capacity;
+    bool failed;
+};
+
+static void add(struct change_list *list, enum lw_scene_change_kind kind, uint32_t target, size_t count,
+                const float *value) {
+    if (list->count == list->capacity && !list->failed) {
+        const size_t capacity = list->capacity ? 2 * list->capacity : 64;
+        struct lw_scene_change *grown = realloc(list->change, capacity * sizeof *grown);
+        if (grown) {
+            list->change = grown;
+            list->capacity = capacity;
+        }
+        list->failed = !grown;
+    }
+    if (list->failed) return;
+    struct lw_scene_change *change = &list->change[list->count++];
+    *change = (struct lw_scene_change){.kind = kind, .target = target, .value_count = (uint32_t)count};
+    if (count) memcpy(change->value, value, count * sizeof *value);
+}
+
+static void add_vector(struct change_list *list, enum lw_scene_change_kind kind, uint32_t target,
+                       struct lw_vec3 v) {
+    add(list, kind, target, 3, (const float[]){v.x, v.y, v.z});
+}
+
+static bool stands(const struct lw_scene_state *state, uint32_t object) {
+    return !lw_scene_roster_is_spare(&state->roster, object);
+}
+
+/* An object of the scene that was removed, and has been added somewhere since. */
+static bool was_replaced(const struct lw_scene_state *state, uint32_t object) {
+    return stands(state, object) && state->object[object].added &&
+           !lw_scene_is_spare(state->original, object);
+}
+
+/* An addition takes the first spare of its mesh. So all spares up to the last one that stands are added, and
+ * those between are removed again. */
+static void add_objects(const struct lw_scene_state *state, struct change_list *list) {
+    const struct lw_scene *scene = state->original;
+    const struct lw_scene_roster *roster = &state->roster;
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (was_replaced(state, o)) add(list, LW_SCENE_CHANGE_OBJECT_REMOVE, o, 0, NULL);
+    for (uint32_t mesh = 0; mesh < scene->mesh_count; mesh++) {
+        uint32_t end = roster->first[mesh];
+        for (uint32_t place = end; place < roster->first[mesh + 1]; place++)
+            if (stands(state, roster->object[place]) && state->object[roster->object[place]].added)
+                end = place + 1;
+        for (uint32_t place = roster->first[mesh]; place < end; place++) {
+            const uint32_t o = roster->object[place];
+            if (!lw_scene_is_spare(scene, o) && !was_replaced(state, o)) continue;
+            const struct lw_affine home = stands(state, o) ? state->object[o].home : LW_AFFINE_IDENTITY;
+            add(list, LW_SCENE_CHANGE_OBJECT_ADD, mesh, 12, &home.m[0][0]);
+        }
+        for (uint32_t place = roster->first[mesh]; place < roster->first[mesh + 1]; place++) {
+            const uint32_t o = roster->object[place];
+            if (!stands(state, o) && (place < end || !lw_scene_is_spare(scene, o)))
+                add(list, LW_SCENE_CHANGE_OBJECT_REMOVE, o, 0, NULL);
+        }
+    }
+}
+
+static void add_places(const struct lw_scene_state *state, struct change_list *list) {
+    for (uint32_t o = 0; o < state->original->object_count; o++) {
+        const struct lw_scene_state_object *object = &state->object[o];
+        if (!stands(state, o)) continue;
+        if (object->placed &&
+            (!object->added || memcmp(&object->home, &object->object_to_world, sizeof object->home) != 0))
+            add(list, LW_SCENE_CHANGE_OBJECT_TRANSFORM, o, 12, &object->object_to_world.m[0][0]);
+        if (object->hidden) add(list, LW_SCENE_CHANGE_OBJECT_HIDE, o, 0, NULL);
+    }
+}
+
+static void add_lights(const struct lw_scene_state *state, struct change_list *list) {
+    for (uint32_t l = 0; l < state->original->light_count; l++) {
+        const struct lw_scene_state_light *light = &state->light[l];
+        if (light->has_intensity) add_vector(list, LW_SCENE_CHANGE_LIGHT_INTENSITY, l, light->now.intensity);
+        if (light->has_position) add_vector(list, LW_SCENE_CHANGE_LIGHT_POSITION, l, light->now.position_ws);
+        if (light->has_direction)
+            add_vector(list, LW_SCENE_CHANGE_LIGHT_DIRECTION, l, light->now.direction_ws);
+    }
+}
+
+static void add_materials(const struct lw_scene_state *state, struct change_list *list) {
+    for (uint32_t m = 0; m < state->original->material_count; m++) {
+        const struct lw_material *now = &state->scene.material[m], *before = &state->original->material[m];
+        if (memcmp(now->base_colour, before->base_colour, 3 * sizeof(float)) != 0)
+            add(list, LW_SCENE_CHANGE_MATERIAL_BASE_COLOUR, m, 3, now->base_colour);
+        if (memcmp(now->emission, before->emission, 3 * sizeof(float)) != 0)
+            add(list, LW_SCENE_CHANGE_MATERIAL_EMISSION, m, 3, now->emission);
+    }
+    if (memcmp(state->scene.sky, state->original->sky, 3 * sizeof(float)) != 0)
+        add(list, LW_SCENE_CHANGE_SKY, 0, 3, state->scene.sky);
+}
+
+/* A time before 0, of a clock that runs backwards, is 0: a change cannot say it. */
+struct lw_scene_change lw_scene_state_seek(const struct lw_scene_state *state, double wall_s) {
+    const float time_s = (float)lw_scene_state_time(state, wall_s);
+    return (struct lw_scene_change){
+        .kind = LW_SCENE_CHANGE_CLOCK_SEEK, .value_count = 1, .value = {time_s > 0 ? time_s : 0}};
+}
+
+static void add_clock(const struct lw_scene_state *state, double wall_s, struct change_list *list) {
+    const struct lw_scene_change seek = lw_scene_state_seek(state, wall_s);
+    if (state->rate != 1) add(list, LW_SCENE_CHANGE_CLOCK_RATE, 0, 1, &(float){(float)state->rate});
+    if (state->paused != state->start_paused)
+        add(list, state->paused ? LW_SCENE_CHANGE_CLOCK_PAUSE : LW_SCENE_CHANGE_CLOCK_PLAY, 0, 0, NULL);
+    if (state->anchor_s != 0 || state->anchor_scene_s != state->start_scene_s || state->rate != 1)
+        add(list, LW_SCENE_CHANGE_CLOCK_SEEK, 0, 1, seek.value);
+}
+
+enum lw_status lw_scene_state_changes(const struct lw_scene_state *state, double wall_s,
+                                      struct lw_scene_change **out_change, size_t *out_count) {
+    struct change_list list = {0};
+    add_objects(state, &list);
+    add_places(state, &list);
+    add_lights(state, &list);
+    add_materials(state, &list);
+    add_clock(state, wall_s, &list);
+    if (list.failed) {
+        free(list.change);
+        return LW_NO_MEMORY;
+    }
+    *out_change = list.change;
+    *out_count = list.count;
+    return LW_OK;
+}

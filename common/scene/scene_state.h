@@ -45,4 +45,13 @@ double lw_scene_state_time(const struct lw_scene_state *state, double wall_s);
  * or hidden counts as one that moves from then on. */
 void lw_scene_state_pose(const struct lw_scene_state *state, double wall_s, struct lw_pose *pose);
 
+/** The change that sets the animation's clock to where it is at wall_s. */
+struct lw_scene_change lw_scene_state_seek(const struct lw_scene_state *state, double wall_s);
+
+/** Changes that make this state of the original scene: few, however many there were. A clock that was set
+ * goes on from its time at wall_s; another one starts again. *out_change: the caller frees it.
+ * Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_scene_state_changes(const struct lw_scene_state *state, double wall_s,
+                                                    struct lw_scene_change **out_change, size_t *out_count);
+
 #endif

@@ -526,6 +526,17 @@ static uint32_t add_material(struct lw_glb_scene *g, const struct lw_material *m
 
 /* ---- objects ---- */
 
+/* Returns false without memory. */
+static bool add_directions(const struct lw_glb_scene *g, json_t *extras, const char *file) {
+    char *path = NULL;
+    if (!g->desc.direction_form) return true;
+    if (asprintf(&path, "%s%s/%s", g->desc.map_folder, g->desc.direction_folder, file) < 0) return false;
+    const bool ok = json_object_set_new(extras, "directions", lw_manifest_text(path)) == 0 &&
+                    json_object_set_new(extras, "directionForm", json_string(g->desc.direction_form)) == 0;
+    free(path);
+    return ok;
+}
+
 /* Fields with which an engine's script loads the EXR in place of the picture. */
 static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *map, const char *file,
                            const char *side) {
@@ -537,6 +548,10 @@ static json_t *make_extras(const struct lw_glb_scene *g, const struct lw_map *ma
         g->desc.convention->units, "texCoord", UV_LIGHTMAP, "width", (json_int_t)map->width, "height",
         (json_int_t)map->height, "back_offset", (json_int_t)map->back_offset, "side", side);
     free(path);
+    if (extras && !add_directions(g, extras, file)) {
+        json_decref(extras);
+        return NULL;
+    }
     return extras;
 }
 

@@ -16,6 +16,8 @@ struct lw_glb_scene_desc {
     const struct lw_scene *scene;
     const struct lw_convention *convention; /* for the EXRs */
     const char *map_folder;                 /* the EXRs', relative to the .glb: "" or "maps/" */
+    /* Folder of the maps of directions, in map_folder, and their form; NULL: there are none. */
+    const char *direction_folder, *direction_form;
     bool split_sides; /* double-sided triangles twice, single-sided, so that each side shows its own light */
     bool with_lights; /* keeps the punctual lights, whose light the maps hold already */
     /* per light, 1: kept in any case, because the maps lack its direct light; NULL: none */

@@ -48,6 +48,9 @@ enum lw_status lw_manifest_init(struct lw_manifest *manifest, const struct lw_ma
         "seconds", result->seconds, "rays", (json_int_t)result->rays, "tiles_open",
         (json_int_t)result->tiles_open, "left_out", list_left_out(desc->scene, desc->left_out), "maps",
         json_incref(manifest->maps));
+    if (manifest->root && desc->direction_form &&
+        json_object_set_new(manifest->root, "direction_form", json_string(desc->direction_form)) != 0)
+        manifest->root = (json_decref(manifest->root), NULL);
     if (manifest->root && manifest->maps) return LW_OK;
     lw_manifest_finish(manifest);
     return LW_NO_MEMORY;

@@ -21,6 +21,7 @@ struct lw_manifest_desc {
     uint32_t samples, bounces, seed; /* samples 0: `error` was the aim */
     float error;
     bool denoised;
+    const char *direction_form;              /* NULL: there are no maps of directions */
     const struct lw_client_lights *left_out; /* lights whose direct light the maps lack; NULL: none */
 };
 

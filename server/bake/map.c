@@ -3,6 +3,7 @@
 #include "common/base/random.h"
 #include "common/light/direction_form.h"
 #include "server/publish/levels.h"
+#include "server/solve/surface/texels.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -30,11 +31,27 @@ double lw_map_half_loss(const float *value, size_t count) {
 
 /* ---- from the solver's tiles ---- */
 
-/* Contents of a map: the light of a form by a convention, or, without one, a plain channel. */
+/* Contents of a map: the light of a form by a convention; without one, a plain channel, or plain normals. */
 struct content {
     uint32_t channel;
     const struct lw_convention *convention;
+    const struct lw_mesh_texels *normals; /* their mesh; NULL: not normals */
+    const struct lw_affine *to_world;     /* with normals: their object's */
 };
+
+/* Normals in place of a tile's light. Gutters are left to the levels. */
+static void put_normals(struct lw_solver_tile *tile, const struct lw_tile_place *place,
+                        const struct content *content, float plane[3][LW_TILE_TEXELS_MAX]) {
+    const uint32_t start = lw_texels_tile_start(content->normals, place->x, place->y);
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        struct lw_vec3 n = {0};
+        if (tile->covered[i] && content->normals->covered[start + i])
+            n = lw_affine_normal(content->to_world, lw_texels_vector(content->normals->normal, start + i));
+        plane[0][i] = n.x, plane[1][i] = n.y, plane[2][i] = n.z;
+    }
+    for (int c = 0; c < 3; c++) tile->shown[content->channel][c] = plane[c];
+    tile->filled = NULL;
+}
 
 /* A tile's light by the convention, in `plane`, in place of its irradiance. */
 static void convert_tile(struct lw_solver_tile *tile, const struct content *content,
@@ -65,7 +82,10 @@ static void load_tiles(struct lw_map *map, struct lw_levels *levels, const struc
         const lw_tile_id id = {atlas_map->first_tile[map->object] + level->first_tile + t};
         struct lw_solver_tile tile;
         solver->ops->read_tile(solver, id, &tile);
-        convert_tile(&tile, content, plane);
+        if (content->normals)
+            put_normals(&tile, &atlas_map->place[id.v], content, plane);
+        else
+            convert_tile(&tile, content, plane);
         lw_levels_load_tile(levels, &atlas_map->place[id.v], &tile);
         uint32_t covered = 0;
         for (uint32_t i = 0; i < tile.width * tile.height; i++) covered += tile.covered[i] != 0;
@@ -155,7 +175,7 @@ enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
                             const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
                             enum lw_light_form form, uint32_t object, const struct lw_convention *convention,
                             struct lw_error *err) {
-    const struct content content = {form, convention};
+    const struct content content = {.channel = form, .convention = convention};
     return build(map, scene, atlas_map, solver, object, &content, err);
 }
 
@@ -171,9 +191,26 @@ enum lw_status lw_map_build_directions(struct lw_map *map, const struct lw_scene
                                        const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
                                        enum lw_light_form form, const struct lw_map *irradiance,
                                        struct lw_error *err) {
-    const struct content moment = {LW_TILE_CHANNEL_DIRECTION + form, NULL};
+    const struct content moment = {.channel = LW_TILE_CHANNEL_DIRECTION + form};
     enum lw_status status = build(map, scene, atlas_map, solver, irradiance->object, &moment, err);
     if (status == LW_OK) divide_by_light(map, irradiance);
+    return status;
+}
+
+enum lw_status lw_map_build_normals(struct lw_map *map, const struct lw_scene *scene,
+                                    const struct lw_atlas_map *atlas_map, const struct lw_pose *pose,
+                                    const struct lw_solver *solver, uint32_t object, struct lw_error *err) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    struct lw_mesh_texels texels = {.width = mesh->atlas_width,
+                                    .height = mesh->atlas_height,
+                                    .texel_count = mesh->atlas_width * mesh->atlas_height,
+                                    .back_offset = mesh->back_offset};
+    const struct content normals = {
+        .channel = LW_LIGHT_FORM_FULL, .normals = &texels, .to_world = &pose->object_to_world[object]};
+    enum lw_status status = lw_texels_rasterise(&texels, scene, mesh, false)
+                                ? build(map, scene, atlas_map, solver, object, &normals, err)
+                                : lw_status_fail(err, LW_NO_MEMORY, "the normals of object %u", object);
+    lw_texels_finish_mesh(&texels);
     return status;
 }
 

@@ -5,6 +5,7 @@
 #define LW_BAKE_MAP_H
 
 #include "common/image/image.h"
+#include "common/scene/pose.h"
 #include "server/bake/convention.h"
 #include "server/solve/solver.h"
 
@@ -40,6 +41,13 @@ LW_MUST_CHECK enum lw_status lw_map_build_directions(struct lw_map *map, const s
                                                      const struct lw_atlas_map *atlas_map,
                                                      const struct lw_solver *solver, enum lw_light_form form,
                                                      const struct lw_map *irradiance, struct lw_error *err);
+
+/** Builds the map of plain normals of an object's texels, world space: shading normals, without normal maps.
+ * They are unit on the surface. Beyond it they are means of near ones. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_map_build_normals(struct lw_map *map, const struct lw_scene *scene,
+                                                  const struct lw_atlas_map *atlas_map,
+                                                  const struct lw_pose *pose, const struct lw_solver *solver,
+                                                  uint32_t object, struct lw_error *err);
 
 /** A map in 8 bits a channel: texel / 255 * scale is the light, linear. Largest values are cut off: 0.1 % of
  * the surface at most is brighter than `scale`. Rounding is dithered, so that dark gradients do not turn

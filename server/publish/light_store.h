@@ -5,8 +5,8 @@
  *
  * The last snapshot can be sent at once, long before the solver has texels and rays. If the scene has changed
  * or moved in the last run, it is a placeholder: its tiles do not count as converged (saved_light.h). Sums
- * are saved only if the scene never changed. Updates end with the server, so the next run begins with the
- * file's scene, and sums of a changed scene would hold light that the new scene does not have. */
+ * are saved only if the scene never changed. The next run begins with the file's scene, and sums of a changed
+ * scene would hold light that it does not have. */
 #ifndef LW_PUBLISH_LIGHT_STORE_H
 #define LW_PUBLISH_LIGHT_STORE_H
 

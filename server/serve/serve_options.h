@@ -39,26 +39,25 @@ struct lw_serve_options {
      "where to serve (default " LW_OPTIONS_ADDRESS "; port 0 picks one)",                                    \
      LW_OPTION_STRING, &(options)->listen, 0, 0, NULL},                                                      \
     {"listen-unix", "PATH",                                                                                  \
-     "serve on this Unix socket alone, to this user and root: neither --listen nor --http; for a "           \
-     "lightwell-relay unix:PATH that meets the public (default: none)",                                      \
+     "serve this user and root alone, on this Unix socket, and neither --listen nor --http: for a "          \
+     "lightwell-relay unix:PATH that serves the public (default: none)",                                     \
      LW_OPTION_STRING, &(options)->listen_unix, 0, 0, NULL},                                                 \
     {"port-file", "FILE",                                                                                    \
-     "write the port there once it serves",                                                                  \
+     "write the port to this file once the server serves",                                                   \
      LW_OPTION_STRING, &(options)->port_file, 0, 0, NULL},                                                   \
     {"http", "HOST:PORT|none",                                                                               \
      "where to serve the browser client, and WebSockets at /ws (default " LW_SERVE_OPTIONS_HTTP              \
      "; port 0 picks one)",                                                                                  \
      LW_OPTION_STRING, &(options)->http, 0, 0, &(options)->http_given},                                      \
     {"http-port-file", "FILE",                                                                               \
-     "write that port there once it serves",                                                                 \
+     "write the port of --http to this file once the server serves",                                         \
      LW_OPTION_STRING, &(options)->http_port_file, 0, 0, NULL},                                              \
     {"http-host", "NAMES",                                                                                   \
-     "names, apart by commas, that browsers may know this server by (default: its address, "                 \
-     "localhost)",                                                                                           \
+     "names of this server for browsers, separated by commas (default: its address, localhost)",             \
      LW_OPTION_STRING, &(options)->http_hosts, 0, 0, NULL},                                                  \
     {"http-origin", "ORIGINS",                                                                               \
-     "origins, apart by commas, whose pages may open WebSockets, such as https://example.org "               \
-     "(default: our own pages alone)",                                                                       \
+     "origins whose pages may open WebSockets, such as https://example.org, separated by commas (default: "  \
+     "our own pages alone)",                                                                                 \
      LW_OPTION_STRING, &(options)->http_origins, 0, 0, NULL},                                                \
     {"web-root", "FOLDER",                                                                                   \
      "the browser client's files (default: share/lightwell/web beside bin)",                                 \
@@ -68,45 +67,44 @@ struct lw_serve_options {
      "7782; port 0 picks one)",                                                                              \
      LW_OPTION_STRING, &(options)->metrics, 0, 0, NULL},                                                     \
     {"metrics-port-file", "FILE",                                                                            \
-     "write that port there once it serves",                                                                 \
+     "write the port of --metrics to this file once the server serves",                                      \
      LW_OPTION_STRING, &(options)->metrics_port_file, 0, 0, NULL},                                           \
     {"control-socket", "PATH|auto|none",                                                                     \
-     "a Unix socket by which this user and root change the scene (default auto: PORT.sock in "               \
+     "the Unix socket through which this user and root change the scene (default auto: PORT.sock in "        \
      "$XDG_RUNTIME_DIR/lightwell or /run/lightwell, where lightwellctl looks for it)",                       \
      LW_OPTION_STRING, &(options)->control_socket, 0, 0, NULL},                                              \
     {"tokens", "FILE",                                                                                       \
-     "tokens that clients must have, a line each: view TOKEN or control TOKEN (lightwellctl token "          \
-     "makes one); read again at SIGHUP. credential:NAME is a credential of systemd (default: none "          \
-     "is needed)",                                                                                           \
+     "a file with the tokens of clients, a line each: view TOKEN or control TOKEN (lightwellctl token "      \
+     "makes one). SIGHUP reads it again. credential:NAME is a credential of systemd (default: no token is "  \
+     "needed)",                                                                                              \
      LW_OPTION_STRING, &(options)->tokens, 0, 0, NULL},                                                      \
     {"tls-certificate", "FILE",                                                                              \
-     "speak TLS 1.3 alone, by TCP and to browsers, as whom this certificate in PEM names, with "             \
-     "its issuers below it; read again at SIGHUP. credential:NAME is a credential of systemd "               \
+     "a PEM file with the certificate and its issuers below it. The server then accepts TLS 1.3 only, "      \
+     "from programs and browsers. SIGHUP reads it again. credential:NAME is a credential of systemd "        \
      "(default: no TLS)",                                                                                    \
      LW_OPTION_STRING, &(options)->tls_certificate, 0, 0, NULL},                                             \
     {"tls-key", "FILE",                                                                                      \
-     "the certificate's key in PEM, which nobody but its owner and its group may read; "                     \
+     "a PEM file with the key of the certificate. Only its owner and its group may read it. "                \
      "credential:NAME as above",                                                                             \
      LW_OPTION_STRING, &(options)->tls_key, 0, 0, NULL},                                                     \
     {"insecure", NULL,                                                                                       \
-     "--listen, --http and --metrics may name addresses that other machines reach without TLS and "          \
-     "tokens; there is a warning",                                                                           \
+     "allow addresses in --listen, --http and --metrics that other machines reach without TLS and "          \
+     "tokens; a warning says so",                                                                            \
      LW_OPTION_FLAG, &(options)->insecure, 0, 0, NULL},                                                      \
     {"link-rate", "MBIT",                                                                                    \
-     "megabits per second to each client at most; a client may ask for less (default: what its "             \
-     "link takes)",                                                                                          \
+     "limit of the bit rate to each client, Mbit/s; a client may ask for less (default: what its link "      \
+     "takes)",                                                                                               \
      LW_OPTION_REAL, &(options)->link_rate, 0.01, 1e6, NULL},                                                \
     {"sessions-per-address", "N",                                                                            \
-     "sessions of one address at most (default: 1,000, and 9,000 of this machine; in all there "             \
-     "are 10,000)",                                                                                          \
+     "limit of the sessions of one address (default: 1,000, and 9,000 of this machine; the server has "      \
+     "10,000 in all)",                                                                                       \
      LW_OPTION_INT, &(options)->address_sessions, 1, LW_SERVER_SESSIONS_MAX, NULL},                          \
     {"servers", "ADDRESSES",                                                                                 \
-     "other servers of this light, apart by commas, which are announced to clients. They try them when "     \
-     "this one is gone: HOST:PORT for programs, ws://HOST:PORT/ws or wss://HOST:PORT/ws for pages "          \
-     "(default: none)",                                                                                      \
+     "other servers of this light for clients whose server is gone, separated by commas: HOST:PORT for "     \
+     "programs, ws://HOST:PORT/ws or wss://HOST:PORT/ws for pages (default: none)",                          \
      LW_OPTION_STRING, &(options)->servers, 0, 0, NULL},                                                     \
     {"return-after", "SECONDS",                                                                              \
-     "clients are told at the end to come back after so long; 0: nothing is told (default 2)",               \
+     "seconds after which clients come back when the server ends; 0: the server names no time (default 2)",  \
      LW_OPTION_REAL, &(options)->return_s, 0, 3600, NULL}
 /* clang-format on */
 

@@ -159,6 +159,11 @@ uint32_t lw_server_channels_taken(const struct lw_server *server);
  * may have no change. [any] */
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count);
+/** Tells the server of changes that the caller makes in its first frame, such as those of the last run. The
+ * server checks updates against the scene with these changes. To be called before lw_server_run().
+ * Returns the number of valid changes before the first invalid one. */
+size_t lw_server_begin_with_changes(struct lw_server *server, const struct lw_scene_change *change,
+                                    size_t count);
 /** A flag that is true while updates wait to be taken. It lives as long as the server. [any] */
 const _Atomic bool *lw_server_updates_wait(const struct lw_server *server);
 /** The same of a relay, one update at a time; the caller frees its changes. false: there is none. [any] */

@@ -181,6 +181,19 @@ size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct l
     return lw_updates_take(&server->shared.updates, frame, out_change, out_change_count);
 }
 
+size_t lw_server_begin_with_changes(struct lw_server *server, const struct lw_scene_change *change,
+                                    size_t count) {
+    struct lw_session_shared *shared = &server->shared;
+    for (size_t i = 0; i < count; i++) {
+        struct lw_error err = {0};
+        uint32_t object;
+        if (lw_scene_change_check(shared->scene, &change[i], &err) != LW_SCENE_CHANGE_OK ||
+            lw_scene_roster_take(&shared->roster, &change[i], &object, &err) != LW_SCENE_CHANGE_OK)
+            return i;
+    }
+    return count;
+}
+
 bool lw_server_take_passed(struct lw_server *server, struct lw_passed_update *out_update) {
     return lw_passed_updates_take(&server->shared.passed, out_update);
 }

@@ -4,7 +4,8 @@ blender --background --factory-startup --python tests/bench/baked_blender.py -- 
     --camera PX,PY,PZ:TX,TY,TZ:FOV [--size WxH] [--spp N] [--reference OURS.exr] [--limit 0.03]
 
 The recipe is that of docs/baking_engines.md, in nodes: the EXR that extras.lightwell names, at the coordinates of the
-second UV map, times the base colour and 1/pi (by the convention), as emission. No lamp, no sky, no bounces.
+second UV map, times the base colour and 1/pi (by the convention), as emission. No lamp, no sky, no bounces. Where
+extras.lightwell has directions, normal maps bend the light by the formula of their form (docs/baking.md).
 With --reference it ends with 1 unless the means of all channels are within --limit of those of the
 reference, a linear EXR of the same view (lightwell-view --path-trace SCENE --out OURS.exr). Written for
 Blender 3.4 (Debian 12).
@@ -35,6 +36,107 @@ def arguments():
     return parser.parse_args(sys.argv[sys.argv.index("--") + 1:])
 
 
+class Formula:
+    """Shader nodes by their formulas: numbers, or sockets of the material's tree."""
+
+    def __init__(self, tree):
+        self.nodes, self.links = tree.nodes, tree.links
+
+    def node(self, kind, operation, *inputs):
+        node = self.nodes.new(kind)
+        if operation:
+            node.operation = operation
+        for socket, value in zip(node.inputs, inputs):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.links.new(value, socket)
+            else:
+                socket.default_value = value
+        return node
+
+    def math(self, operation, *inputs):
+        return self.node("ShaderNodeMath", operation, *inputs).outputs[0]
+
+    def vector(self, operation, *inputs):
+        return self.node("ShaderNodeVectorMath", operation, *inputs).outputs["Vector"]
+
+    def dot(self, a, b):
+        return self.node("ShaderNodeVectorMath", "DOT_PRODUCT", a, b).outputs["Value"]
+
+    def scale(self, vector, number):
+        node = self.node("ShaderNodeVectorMath", "SCALE", vector)
+        socket = node.inputs["Scale"]
+        if isinstance(number, bpy.types.NodeSocket):
+            self.links.new(number, socket)
+        else:
+            socket.default_value = number
+        return node.outputs["Vector"]
+
+    def parts(self, vector):
+        return self.node("ShaderNodeSeparateXYZ", None, vector).outputs
+
+    def join(self, x, y, z):
+        return self.node("ShaderNodeCombineXYZ", None, x, y, z).outputs[0]
+
+    def to_gltf(self, vector):
+        """A direction of Blender's, where z points up, in the axes of glTF, where y does."""
+        x, y, z = self.parts(vector)
+        return self.join(x, z, self.math("MULTIPLY", y, -1.0))
+
+
+def own_factor(f, r, n, m):
+    u = f.vector("SUBTRACT", r, f.scale(n, 2 / 3))
+    up = f.math("MULTIPLY", f.dot(u, n), 1.2)
+    root = f.math("SQRT", f.math("ADD", f.math("MULTIPLY", up, up), f.math("MULTIPLY", f.dot(u, u), 1.8)))
+    share = f.math("MINIMUM", f.math("ADD", up, root), 1.0)
+    wide = f.math("MULTIPLY", f.math("SUBTRACT", 1.0, share), 0.5)
+    weight = f.math("DIVIDE", 1.0, f.math("MAXIMUM", share, 0.02))
+    d = f.vector("NORMALIZE", f.vector("ADD", f.scale(u, weight), f.scale(n, 2 / 3)))
+
+    def lobe(normal):
+        along = f.dot(d, normal)
+        narrow = f.math("MULTIPLY", f.math("SUBTRACT", 1.0, wide), f.math("MAXIMUM", along, 0.0))
+        half = f.math("MULTIPLY", f.math("ADD", along, 1.0), 0.5)
+        return f.math("ADD", narrow, f.math("MULTIPLY", wide, half))
+
+    plain = lobe(n)
+    gain = f.math("DIVIDE", f.math("SUBTRACT", lobe(m), plain), f.math("MAXIMUM", plain, 0.05))
+    even = f.math("MULTIPLY", wide, f.dot(n, f.vector("SUBTRACT", m, n)))
+    factor = f.math("ADD", 1.0, f.math("ADD", even, f.math("MULTIPLY", share, gain)))
+    return f.math("MINIMUM", f.math("MAXIMUM", factor, 0.0), 4.0)
+
+
+def bent_light(tree, folder, info, light, place, m):
+    """The socket of the lightmap's colour, bent by its directions. light: its colour; place: its coordinates."""
+    f = Formula(tree)
+    m, n = f.to_gltf(m), f.to_gltf(f.node("ShaderNodeNewGeometry", None).outputs["Normal"])
+    file = os.path.join(folder, info["directions"])
+
+    def texture(coordinates):
+        node = f.node("ShaderNodeTexImage", None, coordinates)
+        node.image = bpy.data.images.load(file, check_existing=True)
+        node.image.colorspace_settings.name = "Non-Color"
+        node.image.alpha_mode = "CHANNEL_PACKED"  # alpha is no opacity
+        node.extension = "EXTEND"
+        return node.outputs
+
+    if info["directionForm"] == "own":
+        return f.scale(light, own_factor(f, texture(place)["Color"], n, m))
+    if info["directionForm"] == "dominant":
+        texel = texture(place)
+        halved = f.math("ADD", f.dot(m, f.vector("SUBTRACT", texel["Color"], (0.5, 0.5, 0.5))), 0.5)
+        return f.scale(light, f.math("DIVIDE", halved, f.math("MAXIMUM", texel["Alpha"], 1e-4)))
+    x, y, _ = f.parts(place)
+    layers = [  # the bottom of a picture is v = 0 here
+        texture(f.join(x, f.math("DIVIDE", f.math("ADD", y, 3.0 - layer), 4.0), 0.0))["Color"] for layer in range(4)
+    ]
+    mx, my, mz = f.parts(m)
+    total = (1.0, 1.0, 1.0)
+    for layer, part in zip(layers[1:], (my, mz, mx)):
+        bent = f.scale(f.vector("SUBTRACT", layer, (0.5, 0.5, 0.5)), f.math("MULTIPLY", part, 8.0))
+        total = f.vector("ADD", total, bent)
+    return f.scale(f.vector("MULTIPLY", layers[0], total), 1 / FACTOR[info["convention"]])
+
+
 def show_lightmap(material, folder):
     """Replaces what the importer made: base colour times lightmap as emission, of both sides or of one."""
     info = material["lightwell"]
@@ -57,7 +159,11 @@ def show_lightmap(material, folder):
         links.new(base.links[0].from_socket, product.inputs["Color1"])
     else:
         product.inputs["Color1"].default_value = base.default_value
-    links.new(image.outputs["Color"], product.inputs["Color2"])
+    light = image.outputs["Color"]
+    if "directions" in info and principled.inputs["Normal"].is_linked:
+        bent = principled.inputs["Normal"].links[0].from_socket
+        light = bent_light(tree, folder, info, light, place.outputs[0], bent)
+    links.new(light, product.inputs["Color2"])
     shine = nodes.new("ShaderNodeEmission")
     shine.inputs["Strength"].default_value = FACTOR[info["convention"]]
     links.new(product.outputs["Color"], shine.inputs["Color"])

@@ -58,6 +58,16 @@ static char *in(const char *folder, const char *file) {
     return out;
 }
 
+/* A file has this text somewhere. */
+static void expect_bytes(const char *path, const char *text) {
+    FILE *file = fopen(path, "rb");
+    assert_non_null(file);
+    static char bytes[1 << 22];
+    const size_t size = fread(bytes, 1, sizeof bytes, file);
+    fclose(file);
+    if (!memmem(bytes, size, text, strlen(text))) fail_msg("%s lacks \"%s\"", path, text);
+}
+
 static json_t *read_index(const char *folder) {
     json_t *index = json_load_file(in(folder, "index.json"), 0, NULL);
     assert_non_null(index);
@@ -546,6 +556,99 @@ static void directions_point_at_the_lamp(void **state) {
     json_decref(index);
 }
 
+/* ---- directions as engines read them ---- */
+
+/* The lamp's direction over the plain normal, (0, 1, 0), and over a bent one. */
+struct bend {
+    struct lw_vec3 m, lamp;
+    double plain, bent;
+};
+
+static struct bend bend_at(struct lw_vec3 p) {
+    const struct lw_vec3 lamp = {LAMP_X, LAMP_Y, LAMP_Z}, d = lw_vec3_normalize(lw_vec3_sub(lamp, p)),
+                         m = lw_vec3_normalize(lw_vec3(0.5f, 1, -0.3f));
+    return (struct bend){m, d, (double)d.y, (double)lw_vec3_dot(d, m)};
+}
+
+static void expect_near(const char *what, struct lw_vec3 p, double got, double want, double tolerance) {
+    if (!(fabs(got - want) < tolerance))
+        fail_msg("%s at (%g, %g): %g instead of %g", what, (double)p.x, (double)p.z, got, want);
+}
+
+/* Unity's DecodeDirectionalLightmap(), with the light map left out. A lamp alone: (1 + d.m) / (1 + d.n). */
+static void check_dominant(void *user, const struct picture *picture, struct lw_vec3 p, float u, float v) {
+    const struct bend b = bend_at(p);
+    (void)user;
+    double texel[4];
+    for (size_t c = 0; c < 4; c++) texel[c] = sample(picture, u, v, c);
+    expect_near("D.x", p, 2 * texel[0] - 1, (double)b.lamp.x, 0.01);
+    expect_near("D.y", p, 2 * texel[1] - 1, (double)b.lamp.y, 0.01);
+    expect_near("D.z", p, 2 * texel[2] - 1, (double)b.lamp.z, 0.01);
+    const double half[2] = {texel[1], (texel[0] - 0.5) * (double)b.m.x + (texel[1] - 0.5) * (double)b.m.y +
+                                          (texel[2] - 0.5) * (double)b.m.z + 0.5};
+    expect_near("plain", p, half[0] / texel[3], 1, 0.002);
+    expect_near("bent", p, half[1] / texel[3], (1 + b.bent) / (1 + b.plain), 0.01);
+}
+
+/* Godot's ambient light of normal m, times pi: layers L0, y, z, x from the top. */
+static double read_sh(const struct picture *picture, float u, float v, struct lw_vec3 m) {
+    const double along[4] = {0, (double)m.y, (double)m.z, (double)m.x};
+    double l0 = 0, sum = 0;
+    for (uint32_t l = 0; l < 4; l++) {
+        const uint32_t height = picture->height / 4;
+        const struct picture layer = {picture->rgba + (size_t)l * height * picture->width * 4, picture->width,
+                                      height};
+        const double texel = sample(&layer, u, v, 0);
+        if (!l) l0 = texel;
+        sum += l ? (texel - 0.5) * 2 * along[l] * l0 * 4 : texel;
+    }
+    return M_PI * sum;
+}
+
+/* A lamp alone: (1 + 4 d.m) / (1 + 4 d.n), where d.m / d.n is right. */
+static void check_sh(void *user, const struct picture *picture, struct lw_vec3 p, float u, float v) {
+    const struct bend b = bend_at(p);
+    const double e = irradiance_at(p), bent = read_sh(picture, u, v, b.m) / e;
+    (void)user;
+    expect_near("plain", p, read_sh(picture, u, v, lw_vec3(0, 1, 0)) / e, 1, 0.005);
+    expect_near("bent", p, bent, (1 + 4 * b.bent) / (1 + 4 * b.plain), 0.01);
+    expect_near("bent, by the lamp", p, bent, b.bent / b.plain,
+                fabs(b.plain - b.bent) / (b.plain * (1 + 4 * b.plain)) + 0.01);
+}
+
+static void bakes_directions(const char *form, const char *quantity, point_fn *check) {
+    const char *squares = save_squares();
+    char out[256], glb[256];
+    snprintf(out, sizeof out, "%s", lw_support_temporary(form));
+    snprintf(glb, sizeof glb, "%s.glb", out);
+    assert_int_equal(
+        bake("%s -o %s --samples 16 --bounces 0 --direction-form %s --gltf-out %s", squares, out, form, glb),
+        0);
+    struct lw_scene *scene;
+    struct lw_pose pose;
+    load_glb(glb, &scene, &pose);
+    each_point(scene, &pose, 0, in(out, "directions/square_0.exr"), check, NULL);
+    each_point(scene, &pose, 1, in(out, "directions/square_1.exr"), check, NULL);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+    json_t *index = read_index(out), *map = json_array_get(json_object_get(index, "maps"), 1);
+    assert_string_equal(json_string_value(json_object_get(index, "direction_form")), form);
+    assert_string_equal(json_string_value(json_object_get(map, "directions")), "directions/square_1.exr");
+    json_decref(index);
+    expect_bytes(in(out, "directions/square_1.exr"), quantity);
+    expect_bytes(glb, "directions/square_1.exr");
+}
+
+static void dominant_directions_point_at_the_lamp(void **state) {
+    (void)state;
+    bakes_directions("dominant", "RGB: dominant direction / 2 + 1/2", check_dominant);
+}
+
+static void godot_reads_sh(void **state) {
+    (void)state;
+    bakes_directions("sh", "layers: L0 as E / pi", check_sh);
+}
+
 /* ---- refusals ---- */
 
 /* Some 0.6 M texels: 230 MB at once. */
@@ -620,6 +723,9 @@ static void wrong_use_is_refused(void **state) {
     bake_fails(64, "for \"radiosity\"", "builtin:cornell -o x --undersample mip");
     bake_fails(64, "--tracing-range", "builtin:cornell -o x --solver radiosity --tracing-range 1");
     bake_fails(64, "--directional", "builtin:cornell -o x --solver radiosity --directional");
+    bake_fails(64, "--direction-form: \"unity\" is not one of own|dominant|sh",
+               "builtin:cornell -o x --direction-form unity");
+    bake_fails(64, "--directional", "builtin:cornell -o x --solver radiosity --direction-form sh");
     bake_fails(64, "needs --undersample", "builtin:cornell -o x --solver radiosity --window 2");
     bake_fails(64, "--directions does not work with --undersample",
                "builtin:cornell -o x --solver radiosity --directions 64 --undersample mip");
@@ -692,6 +798,8 @@ int main(void) {
         T(radiosity_bakes_the_same_light),
         T(virtual_lights_bake_the_same_light),
         T(directions_point_at_the_lamp),
+        T(dominant_directions_point_at_the_lamp),
+        T(godot_reads_sh),
         T(tile_by_tile_it_is_the_same_light),
         T(killed_tile_by_tile_it_goes_on),
         T(wrong_use_is_refused),

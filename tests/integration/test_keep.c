@@ -186,6 +186,73 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     end(&run);
 }
 
+/* ---- changes ---- */
+
+static void expect_done(struct run *run, const struct lw_scene_change *change, size_t count) {
+    struct lw_error err = {0};
+    struct lw_client_answer answer;
+    const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
+    lw_support_ok(lw_client_update(run->client, change, count, NULL, &err), &err);
+    while (!lw_client_next_answer(run->client, &answer)) {
+        poll_once(run);
+        assert_true(lw_clock_ns() < deadline_ns);
+    }
+    assert_int_equal(answer.code, LW_SCENE_CHANGE_OK);
+}
+
+static void kill_it(struct run *run) {
+    assert_int_equal(lw_process_stop(&run->daemon, SIGKILL, LIMIT_S), -SIGKILL);
+    lw_client_destroy(run->client);
+    run->client = NULL;
+}
+
+static void wait_for_first_light(struct run *run) {
+    while (!said(run, "first light")) poll_once(run);
+    wait_for_rest(run);
+}
+
+/* A daemon that is killed right after its answer goes on with the changes that it has answered. A reset takes
+ * them back for good. */
+static void what_was_answered_outlives_a_kill(void **state) {
+    (void)state;
+    struct run run;
+    begin(&run, CORNELL "--keep-changes");
+    wait_for_rest(&run);
+    const double light = total_light(run.client);
+    struct lw_scene_change change[] = {
+        {.kind = LW_SCENE_CHANGE_MATERIAL_EMISSION, .value_count = 3},
+        {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5},
+    };
+    for (uint32_t m = 0; m < lw_client_scene(run.client)->material_count; m++)
+        if (lw_client_scene(run.client)->material[m].emission[0] > 0) change[0].target = m;
+    expect_done(&run, change, 2);
+    kill_it(&run);
+
+    begin(&run, CORNELL "--keep-changes");
+    assert_true(said(&run, "as clients have changed it"));
+    wait_for_first_light(&run);
+    assert_true(lw_client_object_hidden(run.client, 5));
+    assert_true(total_light(run.client) < 0.01 * light);
+    expect_done(&run, &(struct lw_scene_change){.kind = LW_SCENE_CHANGE_RESET}, 1);
+    kill_it(&run);
+
+    begin(&run, CORNELL "--keep-changes");
+    wait_for_first_light(&run);
+    assert_false(lw_client_object_hidden(run.client, 5));
+    assert_true(fabs(total_light(run.client) - light) < 0.02 * light);
+    expect_done(&run, change, 2);
+    end(&run);
+
+    begin(&run, CORNELL); /* without the option the scene is as its file has it */
+    wait_for_first_light(&run);
+    assert_false(lw_client_object_hidden(run.client, 5));
+    end(&run);
+    lw_process_refuses("lightwelld", "builtin:cornell --keep-changes", 64, "--keep-changes needs a folder",
+                       LIMIT_S);
+}
+
+/* ---- motion, options, failures ---- */
+
 static void moving_light_is_shown_until_there_is_more(void **state) {
     (void)state;
     struct run run;
@@ -341,6 +408,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_converged_scene_costs_no_ray_again, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(changed_light_is_no_light_of_the_scene, choose_folder, end_all),
+        cmocka_unit_test_setup_teardown(what_was_answered_outlives_a_kill, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(moving_light_is_shown_until_there_is_more, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(other_options_light_afresh, choose_folder, end_all),
         cmocka_unit_test_setup_teardown(a_folder_that_cannot_be_is_named, choose_folder, end_all),

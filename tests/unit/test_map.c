@@ -14,11 +14,13 @@ struct fake {
     const struct lw_atlas_map *map;
     uint32_t radius;
     float gain;
+    bool everywhere; /* no disc */
     float light[3][LW_TILE_TEXELS_MAX], albedo[3][LW_TILE_TEXELS_MAX];
     uint8_t covered[LW_TILE_TEXELS_MAX];
 };
 
 static bool fake_covers(const struct fake *fake, uint32_t x, uint32_t y) {
+    if (fake->everywhere) return true;
     const double dx = (double)x - fake->radius, dy = (double)y - fake->radius;
     return dx * dx + dy * dy < (double)fake->radius * fake->radius;
 }
@@ -190,12 +192,40 @@ static void eight_bits_keep_the_light_in_the_mean(void **state) {
     lw_map_finish(&map);
 }
 
+/* A square that faces up, and its back, turned so that it faces x. */
+static void normals_are_the_worlds_and_their_backs(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    struct lw_pose pose;
+    struct lw_map map;
+    lw_atlas_map_finish(&atlas_map);
+    lw_scene_destroy(scene);
+    scene = lw_support_squares(1, 1);
+    for (uint32_t m = 0; m < scene->material_count; m++) scene->material[m].double_sided = true;
+    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 60}, NULL, &err),
+                  &err);
+    lw_support_ok(lw_atlas_map_init(&atlas_map, scene), NULL);
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    pose.object_to_world[0] =
+        (struct lw_affine){.m = {{0, 2, 0, 5}, {-3, 0, 0, 6}, {0, 0, 1, 7}}}; /* stretched, too */
+    fake.everywhere = true;
+    lw_support_ok(lw_map_build_normals(&map, scene, &atlas_map, &pose, &fake.base, 0, &err), &err);
+    const uint32_t back = scene->mesh[0].back_offset, x = map.width / 2, y = back / 2;
+    assert_true(back > 0);
+    for (int side = 0; side < 2; side++) {
+        const float *n = map.rgba + ((size_t)(y + (side ? back : 0)) * map.width + x) * 4;
+        assert_true(fabsf(n[0] - (side ? -1.0f : 1.0f)) < 1e-5f && fabsf(n[1]) + fabsf(n[2]) < 1e-5f);
+    }
+    lw_map_finish(&map);
+    lw_pose_finish(&pose);
+}
+
 int main(void) {
 #define T(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
     const struct CMUnitTest tests[] = {
         T(texels_are_where_they_belong),          T(conventions_are_as_documented),
         T(half_is_left_where_it_loses_light),     T(light_that_is_not_finite_is_never_written),
-        T(eight_bits_keep_the_light_in_the_mean),
+        T(eight_bits_keep_the_light_in_the_mean), T(normals_are_the_worlds_and_their_backs),
     };
 #undef T
     return cmocka_run_group_tests(tests, NULL, NULL);

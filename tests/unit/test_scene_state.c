@@ -1,7 +1,10 @@
 #include "tests/support/support.h"
 
+#include "common/scene/scene_spares.h"
 #include "common/scene/scene_state.h"
 
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 struct fixture {
@@ -200,6 +203,106 @@ static void the_later_of_two_changes_counts(void **state) {
     tear_down(&f);
 }
 
+/* ---- as changes ---- */
+
+static uint32_t seed;
+static uint32_t draw(uint32_t count) { /* Numerical Recipes' generator; its high bits */
+    seed = 1664525u * seed + 1013904223u;
+    return (uint32_t)((uint64_t)(seed >> 8) * count >> 24);
+}
+
+static struct lw_scene_change draw_change(const struct lw_scene *scene) {
+#define X(name, number, of, values) {LW_SCENE_CHANGE_##name, LW_SCENE_CHANGE_OF_##of, values},
+    static const struct {
+        uint32_t kind;
+        enum lw_scene_change_of of;
+        uint32_t values;
+    } kinds[] = {LW_SCENE_CHANGE_MAP(X)};
+#undef X
+    const uint32_t k = draw(sizeof kinds / sizeof *kinds);
+    struct lw_scene_change c = {.kind = kinds[k].kind, .value_count = kinds[k].values};
+    c.target = draw(lw_scene_change_targets(scene, kinds[k].of));
+    if (kinds[k].of == LW_SCENE_CHANGE_OF_SCENE) c.target = 0;
+    for (uint32_t i = 0; i < c.value_count; i++) c.value[i] = (float)draw(1000) / 1000;
+    for (uint32_t i = 0; c.value_count == 12 && i < 3; i++) c.value[5 * i] += 3;
+    return c;
+}
+
+/* As a server takes it; a change that cannot be made is left out. */
+static bool take(struct lw_scene_state *state, struct lw_scene_roster *roster,
+                 const struct lw_scene_change *c, double wall_s) {
+    struct lw_error err = {0};
+    uint32_t object;
+    if (lw_scene_change_check(state->original, c, &err) || lw_scene_roster_take(roster, c, &object, &err))
+        return false;
+    lw_scene_state_change(state, c, wall_s);
+    return true;
+}
+
+static void expect_same_again(struct fixture *f, const struct lw_scene_state *now, double wall_s) {
+    struct lw_scene_roster roster;
+    struct lw_scene_change *change;
+    struct lw_pose pose;
+    size_t count;
+    lw_support_ok(lw_scene_state_changes(now, wall_s, &change, &count), NULL);
+    set_up_scene(f, now->start_scene_s, now->start_paused);
+    lw_support_ok(lw_pose_init(&pose, f->scene), NULL);
+    lw_support_ok(lw_scene_roster_init(&roster, f->scene), NULL);
+    for (size_t i = 0; i < count; i++) assert_true(take(&f->state, &roster, &change[i], 0));
+    /* the clock, to a float's digits, and then everything at one moment of it */
+    const double time_s = lw_scene_state_time(now, wall_s), again_s = lw_scene_state_time(&f->state, 0);
+    if (count &&
+        change[count - 1].kind == LW_SCENE_CHANGE_CLOCK_SEEK) /* else nobody has set it: it starts again */
+        assert_true(fabs(again_s - fmax(time_s, 0)) <= 1e-6 * fabs(time_s));
+    else
+        assert_true(again_s == now->start_scene_s);
+    assert_true(f->state.rate == (double)(float)now->rate && f->state.paused == now->paused);
+    lw_scene_state_pose(now, wall_s, &pose);
+    lw_pose_evaluate(&f->pose, &f->state.scene, time_s);
+    f->state.anchor_scene_s = time_s;
+    f->state.anchor_s = 0;
+    lw_scene_state_pose(&f->state, 0, &f->pose);
+    for (uint32_t i = 0; i < f->scene->light_count; i++) { /* made unit twice: the last bit */
+        const struct lw_vec3 off = lw_vec3_sub(pose.light[i].direction_ws, f->pose.light[i].direction_ws);
+        assert_true(lw_vec3_dot(off, off) < 1e-12f);
+        f->pose.light[i].direction_ws = pose.light[i].direction_ws;
+    }
+    assert_int_equal(lw_pose_difference(&pose, &f->pose, f->scene) & ~(unsigned)LW_POSE_DYNAMIC, 0);
+    lw_scene_roster_finish(&roster);
+    free(change);
+    lw_pose_finish(&pose);
+    lw_pose_finish(&f->pose);
+    lw_scene_state_finish(&f->state);
+}
+
+/* The list of changes makes the same state again from a new one. A server accepts each of them. */
+static void its_changes_make_it_again(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    struct fixture f = {.scene = lw_support_everything()};
+    lw_support_ok(lw_scene_spares_add(f.scene, "2", &err), &err);
+    unsigned taken = 0;
+    for (uint32_t round = 0; round < 40; round++) {
+        struct lw_scene_state now;
+        struct lw_scene_roster roster;
+        seed = round;
+        lw_support_ok(lw_scene_state_init(&now, f.scene, 0.5 * round, round % 2), NULL);
+        lw_support_ok(lw_scene_roster_init(&roster, f.scene), NULL);
+        expect_same_again(&f, &now, 0);
+        for (unsigned i = 0; i < 150; i++) {
+            const double wall_s = i * 0.125;
+            const struct lw_scene_change c = draw_change(f.scene);
+            if (c.kind == LW_SCENE_CHANGE_RESET && draw(8)) continue; /* now and then */
+            taken += take(&now, &roster, &c, wall_s);
+            if (i % 10 == 0) expect_same_again(&f, &now, wall_s);
+        }
+        lw_scene_roster_finish(&roster);
+        lw_scene_state_finish(&now);
+    }
+    assert_true(taken > 3000);
+    lw_scene_destroy(f.scene);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(nothing_changed_is_the_scene_itself),
@@ -210,6 +313,7 @@ int main(void) {
         cmocka_unit_test(the_clock_never_jumps_but_when_set),
         cmocka_unit_test(a_reset_takes_all_back),
         cmocka_unit_test(the_later_of_two_changes_counts),
+        cmocka_unit_test(its_changes_make_it_again),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
