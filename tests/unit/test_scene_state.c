@@ -229,8 +229,8 @@ static struct lw_scene_change draw_change(const struct lw_scene *scene) {
 }
 
 /* As a server takes it; a change that cannot be made is left out. */
-static bool take(struct lw_scene_state *state, struct lw_scene_roster *roster,
-                 const struct lw_scene_change *c, double wall_s) {
+static bool apply_change(struct lw_scene_state *state, struct lw_scene_roster *roster,
+                         const struct lw_scene_change *c, double wall_s) {
     struct lw_error err = {0};
     uint32_t object;
     if (lw_scene_change_check(state->original, c, &err) || lw_scene_roster_take(roster, c, &object, &err))
@@ -248,7 +248,7 @@ static void expect_same_again(struct fixture *f, const struct lw_scene_state *no
     set_up_scene(f, now->start_scene_s, now->start_paused);
     lw_support_ok(lw_pose_init(&pose, f->scene), NULL);
     lw_support_ok(lw_scene_roster_init(&roster, f->scene), NULL);
-    for (size_t i = 0; i < count; i++) assert_true(take(&f->state, &roster, &change[i], 0));
+    for (size_t i = 0; i < count; i++) assert_true(apply_change(&f->state, &roster, &change[i], 0));
     /* the clock, to a float's digits, and then everything at one moment of it */
     const double time_s = lw_scene_state_time(now, wall_s), again_s = lw_scene_state_time(&f->state, 0);
     if (count &&
@@ -293,7 +293,7 @@ static void its_changes_make_it_again(void **state) {
             const double wall_s = i * 0.125;
             const struct lw_scene_change c = draw_change(f.scene);
             if (c.kind == LW_SCENE_CHANGE_RESET && draw(8)) continue; /* now and then */
-            taken += take(&now, &roster, &c, wall_s);
+            taken += apply_change(&now, &roster, &c, wall_s);
             if (i % 10 == 0) expect_same_again(&f, &now, wall_s);
         }
         lw_scene_roster_finish(&roster);
