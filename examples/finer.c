@@ -28,7 +28,7 @@ static void check(enum lw_live_status status) {
 }
 
 /* Clip space from world space, column by column; z is w. */
-static struct lw_live_view look(const struct lw_live_camera *c, uint32_t width, uint32_t height) {
+static struct lw_live_view view_of(const struct lw_live_camera *c, uint32_t width, uint32_t height) {
     const float up = 1 / tanf(c->fov_y / 2), scale[4] = {up * (float)height / (float)width, up, 1, 1};
     const float *axis[4] = {c->right_ws, c->up_ws, c->forward_ws, c->forward_ws};
     struct lw_live_view view = {.struct_size = sizeof view, .width = width, .height = height};
@@ -99,7 +99,7 @@ int main(int argc, char **argv) {
     }
     page_table = calloc(finer.page_count, sizeof *page_table);
     if (!page_table) return EXIT_FAILURE;
-    const struct lw_live_view view = look(&camera, 1280, 720);
+    const struct lw_live_view view = view_of(&camera, 1280, 720);
     do {
         check(lw_live_want_views(live, &view, whole < tiles ? 1 : 0, &err));
         check(lw_live_poll(live, 15, &err));

@@ -724,7 +724,7 @@ struct storage {
 
 /* From the block while there is room; what there is no room for makes the block
  * grow before the next message. */
-static void *take(struct lw_message_memory *memory, size_t size) {
+static void *allocate(struct lw_message_memory *memory, size_t size) {
     const size_t bytes = (size + _Alignof(max_align_t) - 1) / _Alignof(max_align_t) * _Alignof(max_align_t);
     if (!memory) return malloc(size ? size : 1);
     if (bytes < size) return NULL;
@@ -744,7 +744,7 @@ static void *storage_alloc(void *context, size_t size) {
     const struct lw_message_memory *memory = storage->memory;
     if (memory && memory->budget && (memory->asked > memory->budget || size > memory->budget - memory->asked))
         storage->over_budget = true;
-    void *bytes = storage->over_budget ? NULL : take(storage->memory, size);
+    void *bytes = storage->over_budget ? NULL : allocate(storage->memory, size);
     if (!bytes) storage->out_of_memory = true;
     return bytes;
 }
@@ -1097,7 +1097,7 @@ static enum lw_status decode_body(struct lw_framing_header header, const uint8_t
                                   struct lw_error *err) {
     enum lw_status status = check_fields(body, header.body_size, err);
     if (status != LW_OK) return status;
-    struct storage *storage = m->storage = take(memory, sizeof *storage);
+    struct storage *storage = m->storage = allocate(memory, sizeof *storage);
     if (!storage) return LW_NO_MEMORY;
     *storage = (struct storage){.memory = memory};
     ProtobufCAllocator allocator = {storage_alloc, storage_free, storage};

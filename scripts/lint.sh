@@ -146,6 +146,7 @@ common/lightmap/lightmap_pack common/lightmap/lightmap
 common/lightmap/lightmap_shape common/lightmap/lightmap
 common/lightmap/lightmap_split common/lightmap/lightmap_chart
 common/base/options_manual common/base/options
+common/base/options_range common/base/options
 server/import/foreign/foreign_import server/import/foreign/foreign
 server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
 server/serve/server_private server/serve/server
@@ -153,6 +154,10 @@ server/serve/sessions/session_private server/serve/sessions/session
 server/serve/sessions/turns server/serve/sessions/session'
 found=$(inclusions '*.[ch]' | sed 's/\.[ch]\b//g' | awk '$1 != $2' | grep -vxF "$parts" | circle || true)
 if [ -n "$found" ]; then complain "modules include each other; a part that needs its whole is listed in scripts/lint.sh:"$'\n'"$found"; fi
+
+# Calls: a function of A.c calls one of B.c, and B.c calls back.
+found=$(git ls-files {common,proto,server,client,relay}/'*.c' | xargs scripts/calls.pl | circle || true)
+if [ -n "$found" ]; then complain "files call each other; move a function down, or hand over a callback:"$'\n'"$found"; fi
 
 # A folder with more modules than a reader takes in at a glance holds more than one trade.
 modules_max=25
@@ -171,6 +176,17 @@ if [ -n "$found" ]; then complain "headers whose first line is not \"/* NAME.h: 
 found=$(git ls-files '*.c' '*.h' '*.cpp' '*.ts' |
     xargs grep -niE "(^|[^a-z_])(anew|whoever|so many|what is looked at|by turns|of now)([^a-z_]|\$)" || true)
 if [ -n "$found" ]; then complain "see CONTRIBUTING.md, Words:"$'\n'"$found"; fi
+
+# Names say what they do: no static is called by one of these words alone, and no identifier has one of the others as a part
+# (docs/architecture.md, Words that are out). Comments and strings are no identifiers. These files have such names still:
+named_later='^(relay/|server/nats/|server/solve/fine_tiles\.[ch]$|server/lightwell-bake\.c$|client/lib/interest\.[ch]$|tests/(fuzz/fuzz_relay|integration/test_nats|integration/test_relay)\.c$)'
+found=$(git ls-files '*.c' '*.h' | grep -vE "$named_later" | xargs perl -0 -ne '
+    s{(/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*")}{ $1 =~ tr/\n//cdr }gse;
+    for my $out (qr/^(?:LW_[A-Z_]+ )?static [^=;(]*\b(show|place|take|finish|look|settle|pass_on|arrive|recall)\(/m,
+        qr/\b(\w*(?<![a-z])(?:told|witness(?:es)?|recall|recoder|forgetful|burial|woken|swarm|contender|urgency)(?![a-z])\w*)/) {
+        print "    $ARGV:", 1 + substr($_, 0, $-[1]) =~ tr/\n//, ": $1\n" while /$out/g;
+    }' | sort -u)
+if [ -n "$found" ]; then complain "names that are out:"$'\n'"$found"; fi
 
 # Lines of code have at most 110 columns. Bytes that continue a character of UTF-8 are no columns.
 wide=$(git ls-files '*.c' '*.h' | LC_ALL=C xargs awk '

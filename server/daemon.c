@@ -287,7 +287,7 @@ enum lw_status lw_daemon_restore_light(struct lw_daemon *d, struct lw_error *err
         return status;
     }
     struct lw_snapshot *snapshot =
-        lw_light_store_recall(&d->light_store, &d->atlas_map, (float)d->settings.error);
+        lw_light_store_load(&d->light_store, &d->atlas_map, (float)d->settings.error);
     if (!snapshot) return LW_OK;
     lw_server_publish(d->server, snapshot);
     if (d->nats) lw_nats_publisher_publish(d->nats, snapshot);

@@ -71,7 +71,7 @@ struct lw_daemon {
     _Atomic uint64_t solver_due_ns; /* when the solver must have made progress; UINT64_MAX: it rests */
     _Atomic uint64_t frame_count;   /* frames solved */
     struct lw_error solver_error;   /* read after the thread is joined */
-    bool told_stall, stops;         /* [loop] */
+    bool logged_stall, stops;       /* [loop] */
     struct lw_daemon_metrics metrics;
     const char *isa; /* instruction set of the rays' kernels */
     uint64_t started_ns, rays_total;

@@ -37,12 +37,12 @@ static void on_beat(void *context) {
     struct lw_server_stats serve;
     lw_server_get_stats(d->server, &serve);
     if (lw_daemon_frames_stalled(d)) {
-        if (!d->told_stall) lw_log(LW_LOG_ERROR, "the solver has made no progress within --stall-limit");
-        d->told_stall = true;
+        if (!d->logged_stall) lw_log(LW_LOG_ERROR, "the solver has made no progress within --stall-limit");
+        d->logged_stall = true;
         lw_service_notify("STATUS=the solver has made no progress within --stall-limit");
         return;
     }
-    d->told_stall = false;
+    d->logged_stall = false;
     const unsigned long long frames = d->frame_count;
     const struct lw_waiting_state first_light = lw_waiting_read(&d->first_light);
     char waiting[LW_WAITING_LINE_SIZE];

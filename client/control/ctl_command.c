@@ -158,7 +158,8 @@ struct lw_vec3 lw_ctl_command_middle(const struct lw_scene *scene, uint32_t obje
 }
 
 /* Moves the object by a linear map about its middle, and then its middle to another place. */
-static enum lw_status place(const struct call *c, const struct lw_affine *about, struct lw_vec3 to) {
+static enum lw_status transform_object(const struct call *c, const struct lw_affine *about,
+                                       struct lw_vec3 to) {
     struct lw_affine *now = &c->state->object_to_world[c->change->target];
     struct lw_affine map = *about;
     const struct lw_vec3 middle = lw_ctl_command_middle(c->state->scene, c->change->target, now);
@@ -178,7 +179,7 @@ static enum lw_status move(const struct call *c) {
     if (c->count != 4) return misused(c, "move NAME X Y Z");
     enum lw_status status = find(c, LW_SCENE_CHANGE_OF_OBJECT);
     if (status == LW_OK) status = read_numbers(c, 1, 3, to);
-    return status == LW_OK ? place(c, &LW_AFFINE_IDENTITY, lw_vec3(to[0], to[1], to[2])) : status;
+    return status == LW_OK ? transform_object(c, &LW_AFFINE_IDENTITY, lw_vec3(to[0], to[1], to[2])) : status;
 }
 
 static enum lw_status shift(const struct call *c) {
@@ -187,7 +188,7 @@ static enum lw_status shift(const struct call *c) {
     enum lw_status status = find(c, LW_SCENE_CHANGE_OF_OBJECT);
     if (status == LW_OK) status = read_numbers(c, 1, 3, by);
     if (status != LW_OK) return status;
-    return place(c, &LW_AFFINE_IDENTITY, lw_vec3_add(middle_of(c), lw_vec3(by[0], by[1], by[2])));
+    return transform_object(c, &LW_AFFINE_IDENTITY, lw_vec3_add(middle_of(c), lw_vec3(by[0], by[1], by[2])));
 }
 
 static struct lw_affine turned(int axis, float degrees) {
@@ -219,7 +220,7 @@ static enum lw_status turn(const struct call *c) {
         return misused(c, right);
     }
     status = find(c, LW_SCENE_CHANGE_OF_OBJECT);
-    return status == LW_OK ? place(c, &by, middle_of(c)) : status;
+    return status == LW_OK ? transform_object(c, &by, middle_of(c)) : status;
 }
 
 static enum lw_status scale(const struct call *c) {
@@ -230,7 +231,7 @@ static enum lw_status scale(const struct call *c) {
     if (status != LW_OK) return status;
     if (c->count == 2) s[1] = s[2] = s[0];
     const struct lw_affine by = {{{s[0], 0, 0, 0}, {0, s[1], 0, 0}, {0, 0, s[2], 0}}};
-    return place(c, &by, middle_of(c));
+    return transform_object(c, &by, middle_of(c));
 }
 
 static enum lw_status set_object(const struct call *c, enum lw_scene_change_kind kind, const char *right) {
@@ -239,13 +240,13 @@ static enum lw_status set_object(const struct call *c, enum lw_scene_change_kind
     return status == LW_OK ? set_values(c, kind, NULL, 0) : status;
 }
 
-static enum lw_status hide(const struct call *c) {
+static enum lw_status hide_object(const struct call *c) {
     return set_object(c, LW_SCENE_CHANGE_OBJECT_HIDE, "hide NAME");
 }
-static enum lw_status show(const struct call *c) {
+static enum lw_status show_object(const struct call *c) {
     return set_object(c, LW_SCENE_CHANGE_OBJECT_SHOW, "show NAME");
 }
-static enum lw_status restore(const struct call *c) {
+static enum lw_status restore_object(const struct call *c) {
     return set_object(c, LW_SCENE_CHANGE_OBJECT_RESTORE, "restore NAME");
 }
 
@@ -414,10 +415,13 @@ static enum lw_status reset(const struct call *c) {
 static const struct {
     const char *name;
     enum lw_status (*run)(const struct call *);
-} command[] = {{"move", move},       {"shift", shift},          {"turn", turn},         {"scale", scale},
-               {"add", add},         {"remove", remove_object}, {"hide", hide},         {"show", show},
-               {"light", light},     {"restore", restore},      {"material", material}, {"sky", sky},
-               {"clock", set_clock}, {"reset", reset}};
+} command[] = {{"move", move},         {"shift", shift},
+               {"turn", turn},         {"scale", scale},
+               {"add", add},           {"remove", remove_object},
+               {"hide", hide_object},  {"show", show_object},
+               {"light", light},       {"restore", restore_object},
+               {"material", material}, {"sky", sky},
+               {"clock", set_clock},   {"reset", reset}};
 #define COMMANDS (sizeof command / sizeof *command)
 
 /* They change nothing, and stand alone. */

@@ -131,12 +131,7 @@ static bool materials_differ(const struct lw_gl_lights *l) {
     return false;
 }
 
-static bool is_within(const struct lw_gl_lights_box *box, struct lw_vec3 p, float m) {
-    return p.x >= box->low.x - m && p.y >= box->low.y - m && p.z >= box->low.z - m &&
-           p.x <= box->high.x + m && p.y <= box->high.y + m && p.z <= box->high.z + m;
-}
-
-static bool is_in_map(const struct lw_gl_shadow_map *map, const struct lw_gl_lights_box *box) {
+static bool is_in_map(const struct lw_gl_shadow_map *map, const struct lw_box *box) {
     for (int k = 0; k < 4; k++) {
         const struct lw_vec3 n = map->side[k];
         const struct lw_vec3 most = lw_vec3((n.x > 0 ? box->high.x : box->low.x) - map->eye.x,
@@ -148,8 +143,7 @@ static bool is_in_map(const struct lw_gl_shadow_map *map, const struct lw_gl_lig
 }
 
 enum lw_status lw_gl_lights_follow(struct lw_gl_lights *l, const struct lw_pose *pose,
-                                   const struct lw_gl_lights_box *moved, uint32_t moved_count,
-                                   struct lw_error *err) {
+                                   const struct lw_box *moved, uint32_t moved_count, struct lw_error *err) {
     if (!l->ready || materials_differ(l)) {
         if (!build(l, pose)) return lw_status_fail(err, LW_NO_MEMORY, "no memory for the lights of the view");
         return LW_OK;
@@ -160,7 +154,7 @@ enum lw_status lw_gl_lights_follow(struct lw_gl_lights *l, const struct lw_pose 
         const struct lw_emitter_cluster *c = &l->clusters.cluster[i];
         bool close = false;
         for (uint32_t k = 0; k < moved_count && !close; k++)
-            close = is_within(&moved[k], c->centre, c->reach_m);
+            close = lw_box_holds(&moved[k], c->centre, c->reach_m);
         if (close) lw_emitter_clusters_place(&l->clusters, i, l->trace);
     }
     for (size_t k = 0; k < sizeof l->map / sizeof l->map[0]; k++)
@@ -357,11 +351,11 @@ static void write_light(const struct lw_gl_lights *l, uint32_t number, struct lw
 }
 
 void lw_gl_lights_choose(struct lw_gl_lights *l, const struct lw_pose *pose, struct lw_vec3 eye,
-                         struct lw_vec3 forward, const struct lw_gl_lights_box *scene) {
+                         struct lw_vec3 forward, const struct lw_box *scene) {
     float shapes[2 * MAP_VALUES * LW_GL_LIGHTS_LAMPS];
     float table[4 * TEXELS * LW_GL_LIGHTS_MAX] = {0};
-    const float size_m = fmaxf(lw_vec3_length(lw_vec3_sub(scene->high, scene->low)), 1e-6f);
-    const struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(scene->low, scene->high), 0.5f);
+    const float size_m = fmaxf(2 * lw_box_radius(scene), 1e-6f);
+    const struct lw_vec3 middle = lw_box_middle(scene);
     for (uint32_t i = 0; i < l->source_count; i++) take_source(l, pose, &l->source[i]);
     l->chosen_count = 0;
     for (uint32_t i = 0; i < l->sun_count && i < LW_GL_LIGHTS_SUNS; i++) l->chosen[l->chosen_count++] = i;
@@ -382,7 +376,7 @@ void lw_gl_lights_choose(struct lw_gl_lights *l, const struct lw_pose *pose, str
     glBufferData(GL_TEXTURE_BUFFER, sizeof shapes, shapes, GL_DYNAMIC_DRAW);
 }
 
-uint32_t lw_gl_lights_near(const struct lw_gl_lights *l, const struct lw_gl_lights_box *box, float least,
+uint32_t lw_gl_lights_near(const struct lw_gl_lights *l, const struct lw_box *box, float least,
                            GLint *out_light) {
     uint32_t count = 0;
     for (uint32_t i = 0; i < l->chosen_count; i++) {

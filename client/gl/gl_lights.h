@@ -12,6 +12,7 @@
 #define LW_CLIENT_GL_LIGHTS_H
 
 #include "client/view/lights/emitter_clusters.h"
+#include "common/base/box.h"
 #include "common/light/client_lights.h"
 
 #include <epoxy/gl.h>
@@ -22,11 +23,6 @@
 #define LW_GL_LIGHTS_MAX       (LW_GL_LIGHTS_SUNS + LW_GL_LIGHTS_LAMPS)
 #define LW_GL_LIGHTS_SUN_SIDE  2048u /* texels of a map */
 #define LW_GL_LIGHTS_LAMP_SIDE 512u
-
-/* Moved objects: where they were, or where they are. */
-struct lw_gl_lights_box {
-    struct lw_vec3 low, high;
-};
 
 /** A map to draw. It has everything in front of the eye's `side`s, moved out by `beyond`. */
 struct lw_gl_shadow_map {
@@ -74,17 +70,17 @@ void lw_gl_lights_finish(struct lw_gl_lights *lights);
 
 /** Takes over lights, materials and the boxes of moved objects. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_gl_lights_follow(struct lw_gl_lights *lights, const struct lw_pose *pose,
-                                                 const struct lw_gl_lights_box *moved, uint32_t moved_count,
+                                                 const struct lw_box *moved, uint32_t moved_count,
                                                  struct lw_error *err);
 
 /** Chooses the lights of a picture and places their maps; writes the tables.
- * low, high   of the scene */
+ * scene   its bounds */
 void lw_gl_lights_choose(struct lw_gl_lights *lights, const struct lw_pose *pose, struct lw_vec3 eye,
-                         struct lw_vec3 forward, const struct lw_gl_lights_box *scene);
+                         struct lw_vec3 forward, const struct lw_box *scene);
 
 /** Lists those of the chosen lights that give more than `least` somewhere in a box, luminance, W/m^2.
  * out_light   LW_GL_LIGHTS_MAX numbers in the table */
-uint32_t lw_gl_lights_near(const struct lw_gl_lights *lights, const struct lw_gl_lights_box *box, float least,
+uint32_t lw_gl_lights_near(const struct lw_gl_lights *lights, const struct lw_box *box, float least,
                            GLint *out_light);
 
 #endif

@@ -87,7 +87,7 @@ struct program {
 
 struct object {
     struct lw_affine place;
-    struct lw_vec3 low, high; /* world space */
+    struct lw_box box; /* world space */
     bool mirrored, hidden;
 };
 
@@ -95,18 +95,18 @@ struct object {
 struct draw {
     uint32_t mesh, first, count;
     bool mirrored, settled;
-    bool fine;                   /* tiles of finer levels of one of them are there */
-    struct lw_gl_lights_box box; /* of all of them */
-    float distance;              /* from the eye to the nearest part of any */
+    bool fine;         /* tiles of finer levels of one of them are there */
+    struct lw_box box; /* of all of them */
+    float distance;    /* from the eye to the nearest part of any */
 };
 
 struct lw_gl_renderer {
     struct lw_gl_renderer_desc desc;
     struct lw_gl_scene scene;
     struct lw_gl_light light;
-    struct lw_gl_lights lights;     /* zeroed: there are none to draw */
-    struct lw_gl_lights_box bounds; /* of all that has ever been shown */
-    struct lw_gl_lights_box *moved; /* scratch */
+    struct lw_gl_lights lights; /* zeroed: there are none to draw */
+    struct lw_box bounds;       /* of all that has ever been shown */
+    struct lw_box *moved;       /* scratch */
     struct lw_gl_target picture, survey, metered;
     struct program *program; /* programs made so far; the first one is none */
     uint32_t program_count;
@@ -375,7 +375,7 @@ enum lw_status lw_gl_renderer_create(const struct lw_gl_renderer_desc *desc,
     r->picture.format = desc->exact ? GL_RGBA32F : GL_RGBA16F;
     r->survey.format = GL_RG32UI;
     r->metered.format = GL_RGBA16F;
-    r->bounds = (struct lw_gl_lights_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    r->bounds = LW_BOX_EMPTY;
     *out_renderer = r;
     return LW_OK;
 }
@@ -460,34 +460,16 @@ static enum lw_status take_finishes(struct lw_gl_renderer *r, struct lw_error *e
 
 /* ---- changes ---- */
 
-static void find_box(const struct lw_gl_mesh *mesh, struct object *object) {
-    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
-    for (int k = 0; k < 8; k++) {
-        const struct lw_vec3 corner =
-            lw_vec3(k & 1 ? mesh->high.x : mesh->low.x, k & 2 ? mesh->high.y : mesh->low.y,
-                    k & 4 ? mesh->high.z : mesh->low.z);
-        const struct lw_vec3 p = lw_affine_point(&object->place, corner);
-        low = lw_vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
-        high = lw_vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
-    }
-    object->low = low, object->high = high;
-}
-
 static void place_object(struct lw_gl_renderer *r, uint32_t o, const struct lw_affine *place) {
     struct object *object = &r->object[o];
     const uint32_t m = r->desc.scene->object[o].mesh;
     uint32_t words[OBJECT_WORDS] = {0};
     object->place = *place;
     object->mirrored = lw_affine_determinant(place) < 0;
-    find_box(&r->scene.mesh[m], object);
+    object->box = lw_box_moved(&object->place, &r->scene.mesh[m].box);
     memcpy(words, place->m, sizeof place->m);
     lw_gl_light_place(&r->light, o, r->desc.scene->mesh[m].back_offset, words + 12);
     glBufferSubData(GL_TEXTURE_BUFFER, (GLintptr)(o * sizeof words), sizeof words, words);
-}
-
-static void widen(struct lw_gl_lights_box *box, struct lw_vec3 low, struct lw_vec3 high) {
-    box->low = lw_vec3(fminf(box->low.x, low.x), fminf(box->low.y, low.y), fminf(box->low.z, low.z));
-    box->high = lw_vec3(fmaxf(box->high.x, high.x), fmaxf(box->high.y, high.y), fmaxf(box->high.z, high.z));
 }
 
 /* Returns how many boxes r->moved has then: where things that have moved were, and where they are. */
@@ -499,14 +481,14 @@ static uint32_t take_objects(struct lw_gl_renderer *r, const struct lw_pose *pos
         const struct lw_affine *now = &pose->object_to_world[o];
         const bool placed = memcmp(now, &object->place, sizeof *now) != 0;
         const bool was_hidden = object->hidden, differs = placed || was_hidden != pose->object_hidden[o];
-        if (differs && !was_hidden) r->moved[moved++] = (struct lw_gl_lights_box){object->low, object->high};
+        if (differs && !was_hidden) r->moved[moved++] = object->box;
         if (placed) place_object(r, o, now);
         object->hidden = pose->object_hidden[o];
         if (object->hidden) continue;
-        if (differs) r->moved[moved++] = (struct lw_gl_lights_box){object->low, object->high};
-        widen(&r->bounds, object->low, object->high);
+        if (differs) r->moved[moved++] = object->box;
+        lw_box_add(&r->bounds, &object->box);
     }
-    const float diagonal = lw_vec3_length(lw_vec3_sub(r->bounds.high, r->bounds.low));
+    const float diagonal = 2 * lw_box_radius(&r->bounds);
     const float share = r->upside_down ? NEAR_SHARE : NEAR_COARSE;
     r->near_m = diagonal > 0 && diagonal < INFINITY ? share * diagonal : share;
     return moved;
@@ -551,9 +533,7 @@ struct view {
 static float depth_of(const struct lw_gl_renderer *r, const struct lw_camera_view *camera) {
     float depth = 1;
     for (unsigned k = 0; k < 8; k++) {
-        const struct lw_gl_lights_box *b = &r->bounds;
-        const struct lw_vec3 corner =
-            lw_vec3(k & 1 ? b->high.x : b->low.x, k & 2 ? b->high.y : b->low.y, k & 4 ? b->high.z : b->low.z);
+        const struct lw_vec3 corner = lw_box_corner(&r->bounds, k);
         depth = fmaxf(depth, lw_vec3_dot(lw_vec3_sub(corner, camera->position), camera->forward));
     }
     return 1.01f * depth;
@@ -619,7 +599,8 @@ static struct view make_view(const struct lw_gl_renderer *r, const struct lw_com
 
 /* Whether a box may be seen. */
 static bool is_seen(const struct view *v, const struct object *object, float *out_distance) {
-    const struct lw_vec3 low = lw_vec3_sub(object->low, v->eye), high = lw_vec3_sub(object->high, v->eye);
+    const struct lw_vec3 low = lw_vec3_sub(object->box.low, v->eye),
+                         high = lw_vec3_sub(object->box.high, v->eye);
     for (int k = 0; k < 4; k++) {
         const struct lw_vec3 n = v->side[k];
         const struct lw_vec3 most =
@@ -642,7 +623,7 @@ static int far_first(const void *a, const void *b) { return near_first(b, a); }
 
 /* Distance of an object's middle, for the order of blending. */
 static float middle_distance(const struct view *v, const struct object *object) {
-    const struct lw_vec3 middle = lw_vec3_scale(lw_vec3_add(object->low, object->high), 0.5f);
+    const struct lw_vec3 middle = lw_box_middle(&object->box);
     const struct lw_vec3 away = lw_vec3_sub(middle, v->eye);
     return v->parallel ? lw_vec3_dot(away, v->forward) : lw_vec3_length(away);
 }
@@ -671,11 +652,11 @@ static void list_mesh(struct lw_gl_renderer *r, const struct view *v, uint32_t m
                                                                .mirrored = mirrored,
                                                                .settled = r->light.settled[o],
                                                                .fine = is_fine(r, o),
-                                                               .box = {object->low, object->high},
+                                                               .box = object->box,
                                                                .distance = middle_distance(v, object)};
             r->instance[r->instance_count++] = o;
             draw.distance = fminf(draw.distance, distance);
-            widen(&draw.box, object->low, object->high);
+            lw_box_add(&draw.box, &object->box);
             draw.settled &= r->light.settled[o];
             draw.fine |= is_fine(r, o);
         }

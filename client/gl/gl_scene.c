@@ -199,12 +199,8 @@ static enum lw_status cut_into_batches(struct lw_gl_scene *s, uint32_t m, struct
 }
 
 static void find_box(struct lw_gl_mesh *out, const struct lw_mesh *mesh) {
-    out->low = out->high = mesh->position[0];
-    for (uint32_t v = 1; v < mesh->vertex_count; v++) {
-        const struct lw_vec3 p = mesh->position[v];
-        out->low = lw_vec3(fminf(out->low.x, p.x), fminf(out->low.y, p.y), fminf(out->low.z, p.z));
-        out->high = lw_vec3(fmaxf(out->high.x, p.x), fmaxf(out->high.y, p.y), fmaxf(out->high.z, p.z));
-    }
+    out->box = LW_BOX_EMPTY;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) lw_box_add_point(&out->box, mesh->position[v]);
 }
 
 /* A mesh at a time, through memory for the largest. */

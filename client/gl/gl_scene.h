@@ -7,6 +7,7 @@
 #ifndef LW_CLIENT_GL_SCENE_H
 #define LW_CLIENT_GL_SCENE_H
 
+#include "common/base/box.h"
 #include "common/scene/scene.h"
 
 #include <epoxy/gl.h>
@@ -32,10 +33,10 @@ struct lw_gl_batch {
 struct lw_gl_mesh {
     GLuint array; /* vertex array object */
     uint32_t first_batch, batch_count;
-    struct lw_vec3 low, high; /* object space */
-    bool lit;                 /* it has a lightmap */
-    bool tangents;            /* it had them when it was uploaded */
-    uint32_t vertex_count;    /* on the GPU: one for each tangent of a vertex */
+    struct lw_box box;     /* object space */
+    bool lit;              /* it has a lightmap */
+    bool tangents;         /* it had them when it was uploaded */
+    uint32_t vertex_count; /* on the GPU: one for each tangent of a vertex */
 };
 
 /* The normal map of a material and its surface in one texture: x and y of the normal, roughness, and

@@ -35,7 +35,7 @@ struct lw_client {
         features; /* asked for beside irradiance; that the server takes up, of those offered */
     uint64_t rate_limit_bytes_hz, budget_ns;
     struct lw_client_watch watch;
-    bool watch_has_scene, told_damage;
+    bool watch_has_scene, reported_damage;
     struct lw_link link;
     struct lw_message_memory memory; /* for the message that is being taken */
     /* The INTEREST that is being sent: LW_CLIENT_INTEREST_MAX tiles, and memory to encode them. */
@@ -109,8 +109,8 @@ static uint8_t *read_cached(struct lw_client *c, enum lw_package_cache_kind kind
     uint8_t *bytes;
     const enum lw_package_cache_found found =
         lw_package_cache_read(c->cache_folder, kind, hash, size, &bytes);
-    if (found == LW_PACKAGE_CACHE_DAMAGED && !c->told_damage && c->watch.damaged) {
-        c->told_damage = true;
+    if (found == LW_PACKAGE_CACHE_DAMAGED && !c->reported_damage && c->watch.damaged) {
+        c->reported_damage = true;
         c->watch.damaged(c->watch.context, c->cache_folder);
     }
     return found == LW_PACKAGE_CACHE_FOUND ? bytes : NULL;
@@ -784,11 +784,11 @@ enum lw_status lw_client_reconnect(struct lw_client *c, struct lw_error *err) {
     c->frame_acked = c->stats.frame; /* the next one that comes is news to the server */
     lw_interest_forget(&c->interest);
     if (lw_servers_next(&c->servers) != LW_OK) return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    const bool is_told = lw_servers_is_told(&c->servers);
+    const bool is_announced = lw_servers_is_announced(&c->servers);
     const uint64_t run = c->run;
     enum lw_status status = connect_and_greet(c, err);
     /* its server has named this one, but it lights something else: others are tried */
-    if (is_told && c->found_other_scene) {
+    if (is_announced && c->found_other_scene) {
         c->found_other_scene = false;
         c->run = run;
         if (err) err->status = LW_UNAVAILABLE;
@@ -805,9 +805,9 @@ unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed) {
     return least + lw_random_hash2(seed, attempt) % (least + 1);
 }
 
-unsigned lw_client_return_ms(uint32_t told_ms, unsigned attempt, uint32_t seed) {
-    if (!told_ms || attempt) return lw_client_backoff_ms(attempt, seed);
-    return told_ms + lw_random_hash2(seed, told_ms) % (told_ms / 2 + 1);
+unsigned lw_client_return_ms(uint32_t retry_after_ms, unsigned attempt, uint32_t seed) {
+    if (!retry_after_ms || attempt) return lw_client_backoff_ms(attempt, seed);
+    return retry_after_ms + lw_random_hash2(seed, retry_after_ms) % (retry_after_ms / 2 + 1);
 }
 
 uint32_t lw_client_retry_after_ms(const struct lw_client *c) { return c->retry_after_ms; }

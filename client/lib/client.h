@@ -108,7 +108,7 @@ unsigned lw_client_backoff_ms(unsigned attempt, uint32_t seed);
 
 /** The same where the server has said when to come back (0: it has not): the first attempt waits that
  * long, and up to half of it more. */
-unsigned lw_client_return_ms(uint32_t told_ms, unsigned attempt, uint32_t seed);
+unsigned lw_client_return_ms(uint32_t retry_after_ms, unsigned attempt, uint32_t seed);
 /** When to come back, as the server said with its last REFUSAL, ms; 0: it did not. */
 uint32_t lw_client_retry_after_ms(const struct lw_client *client);
 

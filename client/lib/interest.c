@@ -6,18 +6,18 @@
 #include <string.h>
 
 void lw_interest_init(struct lw_interest *interest) {
-    *interest = (struct lw_interest){.now.everything = true, .told.everything = true};
+    *interest = (struct lw_interest){.now.everything = true, .sent.everything = true};
 }
 
 void lw_interest_finish(struct lw_interest *interest) {
     free(interest->now.tile);
-    free(interest->told.tile);
+    free(interest->sent.tile);
     *interest = (struct lw_interest){0};
 }
 
 void lw_interest_forget(struct lw_interest *interest) {
-    interest->told.everything = true;
-    interest->told.count = 0;
+    interest->sent.everything = true;
+    interest->sent.count = 0;
     interest->told_ns = 0;
 }
 
@@ -89,31 +89,31 @@ static uint32_t count_lacking(const struct lw_interest_list *a, const struct lw_
 }
 
 bool lw_interest_lists(const struct lw_interest *interest, lw_tile_id tile) {
-    const struct lw_interest_list *now = &interest->now, *told = &interest->told;
-    return lw_tile_id_is_in(now->tile, now->count, tile) || lw_tile_id_is_in(told->tile, told->count, tile);
+    const struct lw_interest_list *now = &interest->now, *sent = &interest->sent;
+    return lw_tile_id_is_in(now->tile, now->count, tile) || lw_tile_id_is_in(sent->tile, sent->count, tile);
 }
 
 bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {
-    const struct lw_interest_list *now = &interest->now, *told = &interest->told;
+    const struct lw_interest_list *now = &interest->now, *sent = &interest->sent;
     const uint64_t since_ns = now_ns - interest->told_ns;
     LW_INVARIANT(now_ns >= interest->told_ns);
-    LW_INVARIANT_DEAR(is_in_order(now) && is_in_order(told));
+    LW_INVARIANT_DEAR(is_in_order(now) && is_in_order(sent));
     if (since_ns < LW_INTEREST_TELL_NS) return false;
-    if (now->everything || told->everything) return now->everything != told->everything;
-    if (count_lacking(now, told)) return true;
-    LW_INVARIANT(told->count >= now->count);
-    const uint32_t shed = told->count - now->count; /* the server knows all tiles of the set */
-    return shed && (shed >= (told->count + LW_INTEREST_SHED_ONE - 1) / LW_INTEREST_SHED_ONE ||
+    if (now->everything || sent->everything) return now->everything != sent->everything;
+    if (count_lacking(now, sent)) return true;
+    LW_INVARIANT(sent->count >= now->count);
+    const uint32_t shed = sent->count - now->count; /* the server knows all tiles of the set */
+    return shed && (shed >= (sent->count + LW_INTEREST_SHED_ONE - 1) / LW_INTEREST_SHED_ONE ||
                     since_ns >= LW_INTEREST_SHED_NS);
 }
 
 enum lw_status lw_interest_tell(struct lw_interest *interest, uint64_t now_ns) {
-    struct lw_interest_list *now = &interest->now, *told = &interest->told;
-    if (!make_room(told, now->count)) return LW_NO_MEMORY;
-    if (now->count) memcpy(told->tile, now->tile, now->count * sizeof *now->tile);
-    told->everything = now->everything;
-    told->count = now->count;
-    LW_INVARIANT_DEAR(is_in_order(told));
+    struct lw_interest_list *now = &interest->now, *sent = &interest->sent;
+    if (!make_room(sent, now->count)) return LW_NO_MEMORY;
+    if (now->count) memcpy(sent->tile, now->tile, now->count * sizeof *now->tile);
+    sent->everything = now->everything;
+    sent->count = now->count;
+    LW_INVARIANT_DEAR(is_in_order(sent));
     LW_INVARIANT(now_ns >= interest->told_ns);
     interest->told_ns = now_ns;
     return LW_OK;

@@ -19,7 +19,7 @@ struct lw_interest_list {
 };
 
 struct lw_interest {
-    struct lw_interest_list now, told;
+    struct lw_interest_list now, sent;
     uint64_t told_ns;
 };
 

@@ -4,6 +4,7 @@
 #include "client/lib/tls_trust.h"
 #include "common/base/clock.h"
 #include "common/base/control_path.h"
+#include "common/base/host_port.h"
 #include "common/base/invariant.h"
 
 #include <arpa/inet.h>
@@ -203,8 +204,7 @@ enum lw_status lw_link_connect(struct lw_link *link, const struct lw_link_desc *
     if (is_path || desc->socket)
         snprintf(link->address, sizeof link->address, "%s", desc->host);
     else
-        snprintf(link->address, sizeof link->address, strchr(desc->host, ':') ? "[%s]:%u" : "%s:%u",
-                 desc->host, (unsigned)desc->port);
+        lw_host_port_format(link->address, sizeof link->address, desc->host, desc->port);
     if (desc->socket) link->socket = *desc->socket;
     if (is_path && !desc->socket) {
         link->socket = connect_to_path(desc->host + strlen(LW_ACCESS_UNIX), deadline_ns);

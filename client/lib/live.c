@@ -304,10 +304,10 @@ static enum lw_live_status wait_for_news(struct lw_live *live, uint32_t timeout_
     const uint64_t deadline_ns = lw_clock_ns() + timeout_ms * 1000000ull;
     const struct timespec deadline = {(time_t)(deadline_ns / 1000000000u), (long)(deadline_ns % 1000000000u)};
     lw_live_lock(live);
-    while (timeout_ms && live->taken == live->told && live->ended == LW_OK && !live->other_scene)
+    while (timeout_ms && live->taken == live->reported && live->ended == LW_OK && !live->other_scene)
         if (pthread_cond_timedwait(&live->news, &live->data, &deadline)) break;
-    LW_INVARIANT(live->told <= live->taken);
-    live->told = live->taken;
+    LW_INVARIANT(live->reported <= live->taken);
+    live->reported = live->taken;
     enum lw_live_status status =
         live->other_scene ? report_other_scene(live, err) : lw_live_pass(err, live->ended, &live->reason);
     if (status == LW_LIVE_OTHER_SCENE) rouse(live);

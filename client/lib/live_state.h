@@ -32,10 +32,10 @@ struct lw_live {
     bool has_thread;
     int wake; /* eventfd: ends the thread's waiting */
     atomic_bool stops;
-    uint64_t taken, told;   /* times that something was taken in; as of the last lw_live_poll() */
-    enum lw_status ended;   /* why the thread has ended */
-    struct lw_error reason; /* the same, in words */
-    bool other_scene;       /* the server lights one; the thread waits until the caller knows */
+    uint64_t taken, reported; /* times that something was taken in; as of the last lw_live_poll() */
+    enum lw_status ended;     /* why the thread has ended */
+    struct lw_error reason;   /* the same, in words */
+    bool other_scene;         /* the server lights one; the thread waits until the caller knows */
 
     /* once the scene is there */
     const struct lw_scene *scene;

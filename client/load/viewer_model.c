@@ -1,5 +1,6 @@
 #include "client/load/viewer_model.h"
 
+#include "common/base/box.h"
 #include "common/base/random.h"
 #include "common/scene/pose.h"
 
@@ -16,30 +17,13 @@
 #define MARGIN       0.1f  /* share of the bounds that is kept free on all sides */
 #define LEG_MIN_S    0.5
 
-struct box {
-    struct lw_vec3 min, max; /* m, world space; min.x > max.x: empty */
-};
-
 struct lw_viewer_model {
     const struct lw_atlas_map *map;
-    struct box *tile;   /* per tile id */
-    struct box *object; /* per object */
-    float *texel_m;     /* per object: side of a texel of level 0 */
-    struct box bounds;
+    struct lw_box *tile;   /* per tile id; in world space, as are all here */
+    struct lw_box *object; /* per object */
+    float *texel_m;        /* per object: side of a texel of level 0 */
+    struct lw_box bounds;
 };
-
-#define EMPTY ((struct box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}})
-
-static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
-}
-static struct lw_vec3 most(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
-}
-static void extend(struct box *box, const struct box *by) {
-    box->min = least(box->min, by->min);
-    box->max = most(box->max, by->max);
-}
 
 /* ---- boxes of tiles ---- */
 
@@ -52,21 +36,20 @@ struct corner {
 /* The part of a triangle that lies in a rectangle of the atlas: the rectangle's corners on the triangle's
  * plane, cut by the triangle's own box. A floor of two triangles is many tiles, and each is to be where it
  * is. */
-static struct box part_in(const struct corner c[3], const struct box *whole, struct lw_vec2 min,
-                          struct lw_vec2 max) {
+static struct lw_box part_in(const struct corner c[3], const struct lw_box *whole, struct lw_vec2 min,
+                             struct lw_vec2 max) {
     float area = lw_vec2_twice_area(c[0].uv, c[1].uv, c[2].uv);
     if (fabsf(area) < 1e-6f) return *whole;
-    struct box part = EMPTY;
+    struct lw_box part = LW_BOX_EMPTY;
     for (int i = 0; i < 4; i++) {
         struct lw_vec2 at = {i & 1 ? max.x : min.x, i & 2 ? max.y : min.y};
         float u = lw_vec2_twice_area(c[0].uv, at, c[2].uv) / area,
               v = lw_vec2_twice_area(c[0].uv, c[1].uv, at) / area;
         struct lw_vec3 p =
             lw_vec3_mad(lw_vec3_mad(c[0].p, lw_vec3_sub(c[1].p, c[0].p), u), lw_vec3_sub(c[2].p, c[0].p), v);
-        extend(&part, &(struct box){p, p});
+        lw_box_add_point(&part, p);
     }
-    part = (struct box){most(part.min, whole->min), least(part.max, whole->max)};
-    return part;
+    return (struct lw_box){lw_vec3_max(part.low, whole->low), lw_vec3_min(part.high, whole->high)};
 }
 
 /* Tile columns or rows that an interval of texels touches. */
@@ -76,11 +59,11 @@ static void tile_range(float min, float max, uint32_t tiles, uint32_t *out_first
     *out_last = (uint32_t)fminf(fmaxf(floorf(max / LW_TILE_SIDE), 0), last);
 }
 
-static void add_triangle(struct box *tile, const struct lw_atlas_level *level, const struct corner c[3]) {
-    struct box whole = EMPTY;
+static void add_triangle(struct lw_box *tile, const struct lw_atlas_level *level, const struct corner c[3]) {
+    struct lw_box whole = LW_BOX_EMPTY;
     struct lw_vec2 min = c[0].uv, max = c[0].uv;
     for (int i = 0; i < 3; i++) {
-        extend(&whole, &(struct box){c[i].p, c[i].p});
+        lw_box_add_point(&whole, c[i].p);
         min = (struct lw_vec2){fminf(min.x, c[i].uv.x), fminf(min.y, c[i].uv.y)};
         max = (struct lw_vec2){fmaxf(max.x, c[i].uv.x), fmaxf(max.y, c[i].uv.y)};
     }
@@ -93,19 +76,19 @@ static void add_triangle(struct box *tile, const struct lw_atlas_level *level, c
                                   fmaxf(min.y, (float)(y * LW_TILE_SIDE))},
                            high = {fminf(max.x, (float)((x + 1) * LW_TILE_SIDE)),
                                    fminf(max.y, (float)((y + 1) * LW_TILE_SIDE))};
-            struct box part = x0 == x1 && y0 == y1 ? whole : part_in(c, &whole, low, high);
-            extend(&tile[level->first_tile + y * level->tiles_x + x], &part);
+            struct lw_box part = x0 == x1 && y0 == y1 ? whole : part_in(c, &whole, low, high);
+            lw_box_add(&tile[level->first_tile + y * level->tiles_x + x], &part);
         }
 }
 
 /* A coarser tile is its up to four finer ones. */
-static void add_coarser(struct box *tile, const struct lw_atlas *atlas) {
+static void add_coarser(struct lw_box *tile, const struct lw_atlas *atlas) {
     for (uint32_t l = 1; l < atlas->level_count; l++) {
         const struct lw_atlas_level *fine = &atlas->level[l - 1], *coarse = &atlas->level[l];
         for (uint32_t y = 0; y < fine->tiles_y; y++)
             for (uint32_t x = 0; x < fine->tiles_x; x++)
-                extend(&tile[coarse->first_tile + y / 2 * coarse->tiles_x + x / 2],
-                       &tile[fine->first_tile + y * fine->tiles_x + x]);
+                lw_box_add(&tile[coarse->first_tile + y / 2 * coarse->tiles_x + x / 2],
+                           &tile[fine->first_tile + y * fine->tiles_x + x]);
     }
 }
 
@@ -113,7 +96,7 @@ static void add_object(struct lw_viewer_model *in, const struct lw_scene *scene,
                        const struct lw_affine *to_world) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     const struct lw_atlas *atlas = in->map->atlas[object];
-    struct box *tile = in->tile + in->map->first_tile[object];
+    struct lw_box *tile = in->tile + in->map->first_tile[object];
     double area_m2 = 0, area_texels = 0;
     for (uint32_t t = 0; t < mesh->triangle_count; t++) {
         struct corner c[3];
@@ -121,7 +104,7 @@ static void add_object(struct lw_viewer_model *in, const struct lw_scene *scene,
             uint32_t v = mesh->triangle[t][i];
             c[i] = (struct corner){lw_affine_point(to_world, mesh->position[v]),
                                    mesh->lightmap_uv ? mesh->lightmap_uv[v] : (struct lw_vec2){0, 0}};
-            extend(&in->object[object], &(struct box){c[i].p, c[i].p});
+            lw_box_add_point(&in->object[object], c[i].p);
         }
         area_m2 += 0.5 * (double)lw_vec3_length(
                              lw_vec3_cross(lw_vec3_sub(c[1].p, c[0].p), lw_vec3_sub(c[2].p, c[0].p)));
@@ -134,7 +117,7 @@ static void add_object(struct lw_viewer_model *in, const struct lw_scene *scene,
     }
     in->texel_m[object] = area_texels > 0 ? (float)sqrt(area_m2 / area_texels) : 1.0f;
     add_coarser(tile, atlas);
-    extend(&in->bounds, &in->object[object]);
+    lw_box_add(&in->bounds, &in->object[object]);
 }
 
 enum lw_status lw_viewer_model_create(const struct lw_scene *scene, const struct lw_atlas_map *map,
@@ -143,7 +126,7 @@ enum lw_status lw_viewer_model_create(const struct lw_scene *scene, const struct
     struct lw_pose pose;
     if (!in) return LW_NO_MEMORY;
     in->map = map;
-    in->bounds = EMPTY;
+    in->bounds = LW_BOX_EMPTY;
     in->tile = malloc(((size_t)map->tile_count + 1) * sizeof *in->tile);
     in->object = malloc(((size_t)map->object_count + 1) * sizeof *in->object);
     in->texel_m = malloc(((size_t)map->object_count + 1) * sizeof *in->texel_m);
@@ -151,12 +134,12 @@ enum lw_status lw_viewer_model_create(const struct lw_scene *scene, const struct
         lw_viewer_model_destroy(in);
         return LW_NO_MEMORY;
     }
-    for (uint32_t i = 0; i < map->tile_count; i++) in->tile[i] = EMPTY;
+    for (uint32_t i = 0; i < map->tile_count; i++) in->tile[i] = LW_BOX_EMPTY;
     for (uint32_t i = 0; i < map->object_count; i++) {
-        in->object[i] = EMPTY;
+        in->object[i] = LW_BOX_EMPTY;
         if (!pose.object_hidden[i]) add_object(in, scene, i, &pose.object_to_world[i]);
     }
-    if (!(in->bounds.min.x <= in->bounds.max.x)) in->bounds = (struct box){{0, 0, 0}, {0, 0, 0}};
+    if (lw_box_is_empty(&in->bounds)) in->bounds = (struct lw_box){{0, 0, 0}, {0, 0, 0}};
     lw_pose_finish(&pose);
     *out_interest = in;
     return LW_OK;
@@ -172,10 +155,10 @@ void lw_viewer_model_destroy(struct lw_viewer_model *in) {
 
 /* ---- tiles in view ---- */
 
-static bool is_seen(const struct box *box, const struct lw_viewer_model_eye *eye) {
-    if (!(box->min.x <= box->max.x)) return false; /* no surface */
-    struct lw_vec3 centre = lw_vec3_scale(lw_vec3_add(box->min, box->max), 0.5f);
-    float radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->max, box->min));
+static bool is_seen(const struct lw_box *box, const struct lw_viewer_model_eye *eye) {
+    if (lw_box_is_empty(box)) return false; /* no surface */
+    const struct lw_vec3 centre = lw_box_middle(box);
+    const float radius = lw_box_radius(box);
     /* the box's ball against the cone: the distance of its centre from the cone's side, as if that went on
      * behind the tip, where the ball around the tip decides */
     struct lw_vec3 to = lw_vec3_sub(centre, eye->position);
@@ -183,11 +166,6 @@ static bool is_seen(const struct box *box, const struct lw_viewer_model_eye *eye
     float across = sqrtf(fmaxf(lw_vec3_dot(to, to) - along * along, 0));
     if (lw_vec3_dot(to, to) <= radius * radius) return true;
     return along > -radius && across * CONE_COS - along * CONE_SIN <= radius;
-}
-
-static float distance_to(const struct box *box, struct lw_vec3 p) {
-    struct lw_vec3 nearest = most(box->min, least(box->max, p));
-    return lw_vec3_length(lw_vec3_sub(p, nearest));
 }
 
 struct choice {
@@ -209,7 +187,7 @@ static void descend(struct choice *c, uint32_t object, uint32_t level, uint32_t 
     lw_tile_id id = lw_atlas_map_find(c->in->map, object, level, x, y);
     if (id.v == UINT32_MAX || !is_seen(&c->in->tile[id.v], c->eye)) return;
     float texel_m = c->in->texel_m[object] * (float)(1u << level);
-    bool fine = level == 0 || texel_m <= c->pixel * distance_to(&c->in->tile[id.v], c->eye->position);
+    bool fine = level == 0 || texel_m <= c->pixel * lw_box_distance(&c->in->tile[id.v], c->eye->position);
     if (fine) {
         choose(c, id);
         return;
@@ -248,11 +226,11 @@ static float within(float min, float max, float fraction) {
 
 static struct lw_vec3 place_of(const struct lw_viewer_model *in, uint32_t seed, uint32_t user,
                                uint32_t stay) {
-    const struct box *b = &in->bounds;
-    float height = b->max.y - b->min.y;
-    return lw_vec3(within(b->min.x, b->max.x, lw_random_unit(lw_random_hash4(seed, user, stay, 0))),
-                   b->min.y + fminf(EYE_HEIGHT_M, 0.5f * height),
-                   within(b->min.z, b->max.z, lw_random_unit(lw_random_hash4(seed, user, stay, 1))));
+    const struct lw_box *b = &in->bounds;
+    float height = b->high.y - b->low.y;
+    return lw_vec3(within(b->low.x, b->high.x, lw_random_unit(lw_random_hash4(seed, user, stay, 0))),
+                   b->low.y + fminf(EYE_HEIGHT_M, 0.5f * height),
+                   within(b->low.z, b->high.z, lw_random_unit(lw_random_hash4(seed, user, stay, 1))));
 }
 
 struct lw_viewer_model_eye lw_viewer_model_place(const struct lw_viewer_model *in, uint32_t seed,
@@ -263,7 +241,7 @@ struct lw_viewer_model_eye lw_viewer_model_place(const struct lw_viewer_model *i
 
 struct lw_viewer_model_eye lw_viewer_model_walk(const struct lw_viewer_model *in, uint32_t seed,
                                                 uint32_t user, double seconds) {
-    struct lw_vec3 size = lw_vec3_sub(in->bounds.max, in->bounds.min);
+    struct lw_vec3 size = lw_box_size(&in->bounds);
     float speed = fminf(WALK_M_S, WALK_SHARE_S * fmaxf(size.x, size.z));
     struct lw_vec3 from = place_of(in, seed, user, 0);
     for (uint32_t leg = 1;; leg++) {

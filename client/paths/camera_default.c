@@ -8,6 +8,7 @@
 #include "client/paths/camera_default.h"
 
 #include "client/paths/path_trace.h"
+#include "common/base/box.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -37,13 +38,9 @@
 #define STRAY   0.02f /* share of their corners that is left out at each end of an axis */
 #define MARGIN  0.1f  /* added at each end for that */
 
-struct box {
-    struct lw_vec3 low, high;
-};
-
 struct candidate {
     struct lw_camera_view view;
-    const struct box *box; /* the box that it is to show */
+    const struct lw_box *box; /* the box that it is to show */
     float prior, merit;
 };
 
@@ -74,7 +71,7 @@ static int by_part(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static bool meets_box(const struct box *box, struct lw_vec3 from, struct lw_vec3 dir) {
+static bool meets_box(const struct lw_box *box, struct lw_vec3 from, struct lw_vec3 dir) {
     float near = 0, far = INFINITY;
     for (int i = 0; i < 3; i++) {
         float d = (&dir.x)[i], a = ((&box->low.x)[i] - (&from.x)[i]) / d,
@@ -111,7 +108,7 @@ static uint32_t find_seen(const struct judge *j, const struct candidate *c, stru
                           uint32_t *out_used) {
     const struct lw_camera_plane plane = lw_camera_plane(&c->view, j->width, j->height);
     const uint32_t count = j->width * j->height;
-    const float near_m = NEAR * lw_vec3_length(lw_vec3_sub(c->box->high, c->box->low));
+    const float near_m = NEAR * lw_vec3_length(lw_box_size(c->box));
     uint32_t seen_count = 0, used = 0;
     for (uint32_t first = 0; first < count; first += LW_TRACE_WIDTH) {
         struct lw_ray16 rays = {.salt = 0};
@@ -170,7 +167,7 @@ static float merit_of(struct judge *j, const struct candidate *c, bool light) {
     return c->prior * merit * powf((float)used / (float)(j->width * j->height), 0.25f);
 }
 
-static void consider(struct judge *j, struct lw_camera_view view, const struct box *box, float prior) {
+static void consider(struct judge *j, struct lw_camera_view view, const struct lw_box *box, float prior) {
     assert(j->candidate_count < CANDIDATES_MAX);
     struct candidate *c = &j->candidate[j->candidate_count++];
     *c = (struct candidate){.view = view, .box = box, .prior = prior};
@@ -182,9 +179,9 @@ static void consider(struct judge *j, struct lw_camera_view view, const struct b
 /* The view in a direction from as near as a box fits into the picture. A corner at x to the right and z
  * towards the eye is in it if |x - x0| <= slope (distance - z): that bounds distance + x0 / slope and
  * distance - x0 / slope from below. */
-static struct lw_camera_view frame(const struct box *box, struct lw_vec3 forward, float aspect) {
+static struct lw_camera_view frame(const struct lw_box *box, struct lw_vec3 forward, float aspect) {
     struct lw_camera_view view = lw_camera_look_at(lw_vec3(0, 0, 0), forward, FOV_OUTSIDE);
-    struct lw_vec3 size = lw_vec3_sub(box->high, box->low), centre = lw_vec3_mad(box->low, size, 0.5f);
+    struct lw_vec3 size = lw_box_size(box), centre = lw_vec3_mad(box->low, size, 0.5f);
     const float up = FILL * tanf(0.5f * FOV_OUTSIDE), right = up * aspect;
     float bound[4] = {0, 0, 0, 0}; /* the centre's */
     for (int i = 0; i < 8; i++) {
@@ -204,7 +201,7 @@ static struct lw_camera_view frame(const struct box *box, struct lw_vec3 forward
     return view;
 }
 
-static void consider_outside(struct judge *j, const struct box *box) {
+static void consider_outside(struct judge *j, const struct lw_box *box) {
     /* People look at things from the front, level or from a little above. */
     static const struct {
         float degrees, prior;
@@ -239,8 +236,8 @@ static float free_distances(const struct judge *j, struct lw_vec3 from, const st
     return (float)seen / DIRECTIONS;
 }
 
-static void consider_inside(struct judge *j, const struct box *box) {
-    struct lw_vec3 size = lw_vec3_sub(box->high, box->low), dir[DIRECTIONS];
+static void consider_inside(struct judge *j, const struct lw_box *box) {
+    struct lw_vec3 size = lw_box_size(box), dir[DIRECTIONS];
     const float far_m = lw_vec3_length(size);
     /* Files in centimetres make people of two storeys' height: the eye then goes by the scene, not by the
      * metre. */
@@ -290,8 +287,8 @@ static int by_value(const void *a, const void *b) {
 
 /* The box of nearly all triangles: without the ground that goes on to the horizon. False if there is no
  * triangle. */
-static bool find_body(const struct lw_scene *scene, const struct lw_pose *pose, const struct box *whole,
-                      struct box *out) {
+static bool find_body(const struct lw_scene *scene, const struct lw_pose *pose, const struct lw_box *whole,
+                      struct lw_box *out) {
     uint64_t total = 0, passed = 0;
     for (uint32_t o = 0; o < scene->object_count; o++)
         if (!pose->object_dynamic[o]) total += scene->mesh[scene->object[o].mesh].triangle_count;
@@ -332,7 +329,7 @@ static enum lw_status light_up(struct judge *j) {
 
 struct lw_camera_view lw_camera_default(const struct lw_scene *scene, const struct lw_pose *pose,
                                         const struct lw_trace *trace, float aspect) {
-    struct box whole, body;
+    struct lw_box whole, body;
     if (!lw_pose_bounds(pose, scene, &whole.low, &whole.high) || !find_body(scene, pose, &whole, &body))
         return lw_camera_look_at(lw_vec3(0, 0, 1), lw_vec3(0, 0, 0), FOV_INSIDE);
     struct lw_camera_view best = frame(&whole, lw_vec3(-0.45f, -0.4f, -0.8f), aspect);

@@ -381,7 +381,7 @@ static bool draw_glossy(struct bundle *b, uint16_t which, const struct bounce_dr
         return true;
     }
     struct lw_vec3 local;
-    if (!lw_lobes_draw(&gloss->seen, draw->point, draw->lobe, &local)) return false;
+    if (!lw_lobes_sample(&gloss->seen, draw->point, draw->lobe, &local)) return false;
     *out_direction = lw_place_gloss_to_world(gloss, local);
     return true;
 }

@@ -153,7 +153,7 @@ static bool shoot_first(struct flight *f, uint32_t path) {
     lw_random_sobol2(index, lw_random_hash2(seed, USE_PLACE), place);
     lw_random_sobol2(index, lw_random_hash2(seed, USE_WAY), way);
     light->shots++;
-    if (!lw_lamp_rays_draw(&lights->lamps, pick, place, way, &ray)) return false;
+    if (!lw_lamp_rays_sample(&lights->lamps, pick, place, way, &ray)) return false;
     if (!land(f, lw_trace_lift(ray.origin, ray.face, lights->largest_m), ray.direction, light)) return false;
     light->lamp = ray.place;
     const struct lw_vec3 e = e_of(lights, light, &sample);

@@ -1,10 +1,10 @@
 #include "common/base/options.h"
 
 #include "common/base/options_manual.h"
+#include "common/base/options_range.h"
 
 #include <assert.h>
 #include <errno.h>
-#include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -21,42 +21,9 @@
 /* ---- what an option accepts, as text
  * -------------------------------------------------------------------------- */
 
-static int64_t int_bound(double bound) {
-    /* (double)INT64_MAX rounds up to 2^63, which does not convert back */
-    if (bound >= 0x1p63) return INT64_MAX;
-    return bound <= -0x1p63 ? INT64_MIN : (int64_t)bound;
-}
-
-static void write_number(char *out, size_t out_size, double value) {
-    bool whole = value == floor(value) && fabs(value) < 1e15;
-    snprintf(out, out_size, whole ? "%.0f" : "%.7g", value);
-}
-
-static void write_range(char *out, size_t out_size, const struct lw_option *o) {
-    char min[32], max[32];
-    write_number(min, sizeof min, o->min);
-    write_number(max, sizeof max, o->max);
-    if (o->kind == LW_OPTION_INT)
-        snprintf(out, out_size, "from %" PRId64 " to %" PRId64, int_bound(o->min), int_bound(o->max));
-    else if (isinf(o->min) && isinf(o->max))
-        snprintf(out, out_size, "of any size");
-    else if (isinf(o->max))
-        snprintf(out, out_size, "from %s up", min);
-    else if (isinf(o->min))
-        snprintf(out, out_size, "up to %s", max);
-    else
-        snprintf(out, out_size, "from %s to %s", min, max);
-}
-
-void lw_options_range(const struct lw_option *o, char *out, size_t out_size) {
-    char range[96];
-    write_range(range, sizeof range, o);
-    snprintf(out, out_size, "%s%s", range, o->kind == LW_OPTION_REAL && isinf(o->max) ? ", or inf" : "");
-}
-
 static void write_accepted(char *out, size_t out_size, const struct lw_option *o) {
     char range[96];
-    write_range(range, sizeof range, o);
+    lw_options_range_write(o, range, sizeof range);
     switch (o->kind) {
     case LW_OPTION_FLAG:
         snprintf(out, out_size, "nothing");
@@ -153,7 +120,8 @@ static enum lw_status set_value(const struct lw_option *o, const char *text, str
         break;
     case LW_OPTION_INT: {
         int64_t value;
-        good = parse_int(text, &value) && value >= int_bound(o->min) && value <= int_bound(o->max);
+        good = parse_int(text, &value) && value >= lw_options_range_bound(o->min) &&
+               value <= lw_options_range_bound(o->max);
         if (good) *(int64_t *)o->value = value;
         break;
     }
@@ -297,7 +265,7 @@ static void print_option(const struct lw_option *o, unsigned indent, unsigned co
         printf("%*s", (int)(indent - at), "");
     char text[1024], range[96];
     bool number = o->kind == LW_OPTION_INT || o->kind == LW_OPTION_REAL || o->kind == LW_OPTION_RGB;
-    lw_options_range(o, range, sizeof range);
+    lw_options_range_help(o, range, sizeof range);
     if (number)
         snprintf(text, sizeof text, "%s [%s]", o->help, range);
     else

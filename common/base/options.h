@@ -54,9 +54,6 @@ LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, 
 LW_MUST_CHECK enum lw_status lw_options_set(const struct lw_options *options, const char *name,
                                             const char *text, struct lw_error *err);
 
-/** Text of a number's range: "from 1 to 16". */
-void lw_options_range(const struct lw_option *option, char *out, size_t out_size);
-
 #define LW_OPTIONS_HOST    "127.0.0.1"
 #define LW_OPTIONS_PORT    7780
 #define LW_OPTIONS_ADDRESS LW_OPTIONS_HOST ":7780"

@@ -1,5 +1,7 @@
 #include "common/base/options_manual.h"
 
+#include "common/base/options_range.h"
+
 #include <stdio.h>
 #include <string.h>
 
@@ -71,7 +73,7 @@ static void print_option(const struct lw_option *o) {
     print_troff_all(o->help);
     if (is_number(o)) {
         char range[96];
-        lw_options_range(o, range, sizeof range);
+        lw_options_range_help(o, range, sizeof range);
         printf(" [");
         print_troff_all(range);
         printf("]");

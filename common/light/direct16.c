@@ -138,30 +138,30 @@ static void sample_near_group(const struct lw_direct16 *d, uint32_t group, float
 /* The groups that light a packet. A far group has one light chosen for all of it. */
 struct groups {
     struct lw_light_choice choice[LW_LIGHTS_EXACT_MAX];
-    struct lw_light_draw draw[LW_LIGHTS_EXACT_MAX]; /* the draw of each choice */
-    uint32_t count, far_count;                      /* far ones are the first */
+    struct lw_light_group_sample sampled[LW_LIGHTS_EXACT_MAX]; /* the group of each choice */
+    uint32_t count, far_count;                                 /* far ones are the first */
 };
 
 static void draw_groups(const struct lw_direct16 *d, uint32_t index, struct groups *groups) {
     const struct lw_light_tree *tree = &d->lights->tree;
     const uint32_t seed = seed_of(d, LW_SAMPLING_EMITTER_PICK);
     const struct lw_light_region region = region_of(d->points);
-    struct lw_light_draw *draw = groups->draw;
+    struct lw_light_group_sample *sampled = groups->sampled;
     float pick[2];
     lw_sampling_point(seed, index, d->set, pick);
-    groups->count = lw_lights_draw(d->lights, &region, pick[0], draw);
+    groups->count = lw_lights_sample_groups(d->lights, &region, pick[0], sampled);
     groups->far_count = 0;
     for (uint32_t g = 0; g < groups->count; g++) {
-        if (!lw_light_tree_is_far(tree, draw[g].node, &region)) continue;
-        const struct lw_light_draw far = draw[g];
-        draw[g] = draw[groups->far_count];
-        draw[groups->far_count++] = far;
+        if (!lw_light_tree_is_far(tree, sampled[g].node, &region)) continue;
+        const struct lw_light_group_sample far = sampled[g];
+        sampled[g] = sampled[groups->far_count];
+        sampled[groups->far_count++] = far;
     }
     for (uint32_t g = 0; g < groups->count; g++) {
-        /* shifted by the group's own number: groups that are always drawn have one pick in common */
-        const float shifted = draw[g].pick + lw_random_unit(lw_random_hash2(seed, draw[g].node));
+        /* shifted by the group's own number: groups that are always sampled have one pick in common */
+        const float shifted = sampled[g].pick + lw_random_unit(lw_random_hash2(seed, sampled[g].node));
         groups->choice[g] =
-            (struct lw_light_choice){.group = draw[g].node, .pick = shifted < 1 ? shifted : shifted - 1};
+            (struct lw_light_choice){.group = sampled[g].node, .pick = shifted < 1 ? shifted : shifted - 1};
     }
     lw_light_tree_choose_each(tree, &region, groups->choice, groups->far_count);
 }
@@ -175,7 +175,7 @@ void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
     draw_groups(d, sample, &groups);
     for (uint32_t g = 0; g < groups.count; g++) {
         const struct lw_light_choice *c = &groups.choice[g];
-        lw_sampling_point(lw_random_hash2(seed, groups.draw[g].number), sample, d->set, point);
+        lw_sampling_point(lw_random_hash2(seed, groups.sampled[g].number), sample, d->set, point);
         if (g >= groups.far_count) {
             memset(light.e, 0, sizeof light.e);
             sample_near_group(d, c->group, c->pick, point, &light);
@@ -186,7 +186,7 @@ void lw_direct16_groups(struct lw_direct16 *d, uint32_t sample, float weight) {
         } else {
             continue; /* none of the group can give anything */
         }
-        add_visible(d, &light, weight / groups.draw[g].probability);
+        add_visible(d, &light, weight / groups.sampled[g].probability);
     }
 }
 
@@ -211,12 +211,12 @@ void lw_direct16_sky(struct lw_direct16 *d, uint32_t sample, float weight) {
     float point[2];
     struct lw_light_sample16 light;
     lw_sampling_point(seed_of(d, LW_SAMPLING_SKY), sample, d->set, point);
-    struct lw_sky_draw draw[LANES];
+    struct lw_sky_sample sky[LANES];
     for (uint32_t lane = 0; lane < LANES; lane++) {
         float own[2];
         lw_sampling_spread(point, lane, own);
-        draw[lane] = lw_lights_draw_sky(d->lights, own[0], own[1]);
+        sky[lane] = lw_lights_sample_sky(d->lights, own[0], own[1]);
     }
-    lw_lights_place_sky16(d->lights, draw, d->points, &light);
+    lw_lights_place_sky16(d->lights, sky, d->points, &light);
     add_visible(d, &light, weight);
 }

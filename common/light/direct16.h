@@ -7,7 +7,7 @@
  * Estimators; V: visibility, 0 or 1; cos: of the direction with the normal; p: probability or density.
  *     points, spots, suns   E += V E_normal cos     each; more than LW_LIGHTS_EXACT_MAX points and spots are
  *                                                   in groups instead
- *     groups of emitters    E += V L cos / p        one emitter of each group that is drawn, and a
+ *     groups of emitters    E += V L cos / p        one emitter of each group that is sampled, and a
  *                                                   point on it (lights.h)
  *     sky, environment      E += V L cos / p        one direction
  * Random numbers are those of sampling.h: of (seed, object, block, use) and (sample, set). */
@@ -36,7 +36,7 @@ struct lw_direct16 {
 /** A sample of each sun, and of each point and spot unless they are many. */
 void lw_direct16_punctual(struct lw_direct16 *direct, uint32_t sample, float weight);
 
-/** A sample of each group of emitters that is drawn, and of points and spots where they are many. */
+/** A sample of each group of emitters that is sampled, and of points and spots where they are many. */
 void lw_direct16_groups(struct lw_direct16 *direct, uint32_t sample, float weight);
 
 /** A sample of sky and environment. */

@@ -87,7 +87,7 @@ void lw_lamp_rays_set_pose(struct lw_lamp_rays *lamps, const struct lw_pose *pos
     }
 }
 
-/* A lamp, and how likely it is to be drawn. */
+/* A lamp, and how likely it is to be sampled. */
 static uint32_t choose(const struct lw_lamp_rays *lamps, float pick, double *out_probability) {
     const double total = lamps->sum[lamps->count - 1], at = (double)pick * total;
     uint32_t low = 0, high = lamps->count - 1;
@@ -173,7 +173,7 @@ static void from_sky(const struct lw_lamp_rays *lamps, const float place[2], con
     struct lw_vec3 towards;
     float pdf = 0;
     if (place[0] < bright) {
-        towards = lw_environment_importance_draw(&lights->environment, place[0] / bright, place[1], &pdf);
+        towards = lw_environment_importance_sample(&lights->environment, place[0] / bright, place[1], &pdf);
     } else {
         towards = lw_direction_sphere((const float[2]){(place[0] - bright) / (1 - bright), place[1]});
         if (bright > 0) pdf = lw_environment_importance_pdf(&lights->environment, towards);
@@ -184,8 +184,8 @@ static void from_sky(const struct lw_lamp_rays *lamps, const float place[2], con
         lw_vec3_scale(lw_scene_sky(lights->scene, towards), from_outside(lamps, towards, way, ray) / pdf);
 }
 
-bool lw_lamp_rays_draw(const struct lw_lamp_rays *lamps, float pick, const float place[2], const float way[2],
-                       struct lw_lamp_ray *out_ray) {
+bool lw_lamp_rays_sample(const struct lw_lamp_rays *lamps, float pick, const float place[2],
+                         const float way[2], struct lw_lamp_ray *out_ray) {
     double probability;
     uint32_t i;
     struct lw_lamp_ray ray = {.face = {0}};

@@ -44,8 +44,8 @@ struct lw_lamp_ray {
 
 /** A ray of one of the lamps. pick chooses the lamp, `place` where on it, `way` where it goes; all in [0, 1).
  * False: none shines. */
-bool lw_lamp_rays_draw(const struct lw_lamp_rays *lamps, float pick, const float place[2], const float way[2],
-                       struct lw_lamp_ray *out_ray);
+bool lw_lamp_rays_sample(const struct lw_lamp_rays *lamps, float pick, const float place[2],
+                         const float way[2], struct lw_lamp_ray *out_ray);
 
 /** Unshadowed irradiance of a point from a place on a lamp. irradiance_normal is that times a
  * factor of the place's own, the same for all points and poses; 0 where no light goes. */

@@ -277,7 +277,7 @@ uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t node,
     }
 }
 
-/* Probabilities in proportion to promises, with a sum of `most`. A group that would have 1 or more is drawn
+/* Probabilities in proportion to promises, with a sum of `most`. A group that would have 1 or more is sampled
  * always, and the others share the rest. */
 static void find_probabilities(const struct lw_light_group *group, uint32_t count, uint32_t most,
                                float *out_probability) {
@@ -296,20 +296,20 @@ static void find_probabilities(const struct lw_light_group *group, uint32_t coun
     }
 }
 
-uint32_t lw_light_tree_draw(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
-                            struct lw_light_draw *out_draw) {
+uint32_t lw_light_tree_sample(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
+                              struct lw_light_group_sample *out_sampled) {
     float probability[LW_LIGHT_TREE_GROUPS_MAX], before = 0, next = pick;
-    uint32_t drawn = 0;
+    uint32_t sampled = 0;
     assert(count <= LW_LIGHT_TREE_GROUPS_MAX);
     find_probabilities(group, count, most, probability);
-    for (uint32_t i = 0; i < count && drawn < most; before += probability[i++]) {
+    for (uint32_t i = 0; i < count && sampled < most; before += probability[i++]) {
         if (!(next < before + probability[i])) continue;
         const float within = fminf(fmaxf((next - before) / probability[i], 0), LW_LIGHT_BELOW_ONE);
-        out_draw[drawn] = (struct lw_light_draw){group[i].node, probability[i], within, drawn};
+        out_sampled[sampled] = (struct lw_light_group_sample){group[i].node, probability[i], within, sampled};
         next += 1;
-        drawn++;
+        sampled++;
     }
-    return drawn;
+    return sampled;
 }
 
 bool lw_light_tree_is_far(const struct lw_light_tree *tree, uint32_t group,

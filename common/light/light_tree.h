@@ -63,21 +63,21 @@ uint32_t lw_light_tree_split(const struct lw_light_tree *tree, uint32_t node,
                              struct lw_light_group *out_group);
 
 /** A group that stands for others. */
-struct lw_light_draw {
+struct lw_light_group_sample {
     uint32_t node;
-    float probability; /* with which it is drawn: its light is divided by this */
+    float probability; /* with which it is sampled: its light is divided by this */
     float pick;        /* even in [0, 1), for a choice within the group */
-    uint32_t number;   /* the draw's, 0 to most - 1; a group mostly keeps it */
+    uint32_t number;   /* the sample's, 0 to most - 1; a group mostly keeps it */
 };
 
-/** Draws at most `most` of some groups, each once at most, with probabilities in proportion to their
+/** Samples at most `most` of some groups, each once at most, with probabilities in proportion to their
  * promises: a systematic sample (Madow 1949).
- * count     LW_LIGHT_TREE_GROUPS_MAX at most
- * pick      in [0, 1)
- * out_draw  `most` of them
- * Returns   how many there are */
-uint32_t lw_light_tree_draw(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
-                            struct lw_light_draw *out_draw);
+ * count        LW_LIGHT_TREE_GROUPS_MAX at most
+ * pick         in [0, 1)
+ * out_sampled  `most` of them
+ * Returns      how many there are */
+uint32_t lw_light_tree_sample(const struct lw_light_group *group, uint32_t count, uint32_t most, float pick,
+                              struct lw_light_group_sample *out_sampled);
 
 /** Estimate of the irradiance of all lights together at a point, W/m^2; 0: none reaches it. */
 float lw_light_tree_promise(const struct lw_light_tree *tree, struct lw_vec3 point_ws,

@@ -262,11 +262,11 @@ bool lw_lights_differ(const struct lw_lights *lights, const struct lw_pose *was,
 /* Emitters per ray, and most rays: past it a frame's cost no longer grows with their number. */
 #define EMITTERS_PER_RAY 8u
 #define EMITTER_RAYS_MAX 4u
-/* Groups for each ray, which is drawn among all of them. */
+/* Groups for each ray, which is sampled among all of them. */
 #define GROUPS_PER_RAY 8u
 
-uint32_t lw_lights_draw(const struct lw_lights *lights, const struct lw_light_region *region, float pick,
-                        struct lw_light_draw *out_draw) {
+uint32_t lw_lights_sample_groups(const struct lw_lights *lights, const struct lw_light_region *region,
+                                 float pick, struct lw_light_group_sample *out_sampled) {
     struct lw_light_group group[LW_LIGHT_TREE_GROUPS_MAX];
     const bool all = lights->near_count > LW_LIGHTS_EXACT_MAX;
     uint32_t rays = (lights->shining_count + EMITTERS_PER_RAY - 1) / EMITTERS_PER_RAY;
@@ -276,7 +276,7 @@ uint32_t lw_lights_draw(const struct lw_lights *lights, const struct lw_light_re
     uint32_t groups = GROUPS_PER_RAY * rays;
     if (groups > LW_LIGHT_TREE_GROUPS_MAX) groups = LW_LIGHT_TREE_GROUPS_MAX;
     groups = lw_light_tree_split(&lights->tree, all || !lights->near_count ? 0 : 1, region, groups, group);
-    return lw_light_tree_draw(group, groups, rays, pick, out_draw);
+    return lw_light_tree_sample(group, groups, rays, pick, out_sampled);
 }
 
 /* An emitter as a point sees it, and how a direction towards it is chosen: even over its solid angle, so that
@@ -469,30 +469,30 @@ static struct lw_light_sample sample_sun(const struct lw_lights *lights, float p
     return sample;
 }
 
-struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, float v) {
-    struct lw_sky_draw draw = {0};
+struct lw_sky_sample lw_lights_sample_sky(const struct lw_lights *lights, float u, float v) {
+    struct lw_sky_sample sky = {0};
     if (u < lights->bright_share) {
-        draw.bright = true;
-        draw.direction = lw_environment_importance_draw(
-            &lights->environment, rescaled_pick(u, 0, lights->bright_share), v, &draw.pdf);
-        draw.radiance = lw_scene_sky(lights->scene, draw.direction);
-        return draw;
+        sky.bright = true;
+        sky.direction = lw_environment_importance_sample(
+            &lights->environment, rescaled_pick(u, 0, lights->bright_share), v, &sky.pdf);
+        sky.radiance = lw_scene_sky(lights->scene, sky.direction);
+        return sky;
     }
     const float point[2] = {rescaled_pick(u, lights->bright_share, 1 - lights->bright_share), v};
-    draw.direction = lw_direction_cosine(point);
-    return draw;
+    sky.direction = lw_direction_cosine(point);
+    return sky;
 }
 
-struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_draw *draw,
+struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_sample *sky,
                                            struct lw_vec3 normal_ws, float *out_cosine) {
-    struct lw_light_sample sample = {.distance_m = INFINITY, .direction = draw->direction};
-    struct lw_vec3 radiance = draw->radiance;
-    float bright_pdf = draw->pdf;
-    if (draw->bright) {
-        *out_cosine = lw_vec3_dot(draw->direction, normal_ws);
+    struct lw_light_sample sample = {.distance_m = INFINITY, .direction = sky->direction};
+    struct lw_vec3 radiance = sky->radiance;
+    float bright_pdf = sky->pdf;
+    if (sky->bright) {
+        *out_cosine = lw_vec3_dot(sky->direction, normal_ws);
     } else {
-        sample.direction = lw_direction_about(normal_ws, draw->direction);
-        *out_cosine = draw->direction.z;
+        sample.direction = lw_direction_about(normal_ws, sky->direction);
+        *out_cosine = sky->direction.z;
         radiance = lw_scene_sky(lights->scene, sample.direction);
         bright_pdf = lw_environment_importance_pdf(&lights->environment, sample.direction);
     }
@@ -505,8 +505,8 @@ struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const
 static struct lw_light_sample sample_sky(const struct lw_lights *lights, float probability, float u, float v,
                                          struct lw_vec3 normal) {
     float cosine;
-    struct lw_sky_draw draw = lw_lights_draw_sky(lights, u, v);
-    struct lw_light_sample sample = lw_lights_place_sky(lights, &draw, normal, &cosine);
+    struct lw_sky_sample sky = lw_lights_sample_sky(lights, u, v);
+    struct lw_light_sample sample = lw_lights_place_sky(lights, &sky, normal, &cosine);
     sample.pdf *= probability;
     sample.irradiance_normal = lw_vec3_scale(sample.irradiance_normal, 1 / probability);
     return sample;

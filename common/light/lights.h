@@ -86,13 +86,13 @@ struct lw_light_sample {
     float pdf;
 };
 
-/** Draws groups of emitters (light_tree.h) for the points of a region; one sample stands for each group.
+/** Samples groups of emitters (light_tree.h) for the points of a region; one sample stands for each group.
  * Points and spots join the groups where there are more than LW_LIGHTS_EXACT_MAX of them.
- * pick      in [0, 1)
- * out_draw  LW_LIGHTS_EXACT_MAX of them
- * Returns   how many there are */
-uint32_t lw_lights_draw(const struct lw_lights *lights, const struct lw_light_region *region, float pick,
-                        struct lw_light_draw *out_draw);
+ * pick         in [0, 1)
+ * out_sampled  LW_LIGHTS_EXACT_MAX of them
+ * Returns      how many there are */
+uint32_t lw_lights_sample_groups(const struct lw_lights *lights, const struct lw_light_region *region,
+                                 float pick, struct lw_light_group_sample *out_sampled);
 
 /** A sample of the emitter, point or spot that lw_light_tree_choose() has chosen with a probability; (u, v):
  * the point on it, in [0, 1). irradiance_normal x cos is an estimate of what its group gives. Light from
@@ -111,7 +111,7 @@ struct lw_vec3 lw_lights_radiance(const struct lw_lights *lights, uint32_t emitt
 struct lw_light_sample lw_lights_sample(const struct lw_lights *lights, struct lw_vec3 point_ws,
                                         struct lw_vec3 normal_ws, float pick, float u, float v);
 
-/** The density, 1/sr, with which lw_lights_sample() would have drawn `direction` by choosing the triangle
+/** The density, 1/sr, with which lw_lights_sample() would have sampled `direction` by choosing the triangle
  * that a ray from the point met: to weigh such a ray against it. (u, v) are the hit's barycentrics,
  * distance_m that to the hit. 0 where the triangle does not shine, or not to this side. The ray then gets
  * the surface's emission, not times alpha: it hits a BLEND emitter with probability alpha. */
@@ -125,16 +125,16 @@ float lw_lights_pdf_sky(const struct lw_lights *lights, struct lw_vec3 point_ws,
 /** A sample of sky and environment that serves any number of surface points. It either goes to a bright part
  * of the environment, one direction for all points, or is cosine-weighted about each normal. The mixture is
  * weighed by the balance heuristic. */
-struct lw_sky_draw {
+struct lw_sky_sample {
     bool bright;
     struct lw_vec3 direction; /* bright: in world space; else about +z */
     struct lw_vec3 radiance;  /* bright only */
     float pdf;                /* bright: density among the bright ones */
 };
-struct lw_sky_draw lw_lights_draw_sky(const struct lw_lights *lights, float u, float v);
-/** The sample of a draw for one surface. out_cosine: of its direction with the normal; 0 or less is below the
+struct lw_sky_sample lw_lights_sample_sky(const struct lw_lights *lights, float u, float v);
+/** Applies it to one surface. out_cosine: of its direction with the normal; 0 or less is below the
  * surface, and irradiance_normal is 0. Only where lights->sky_luminance > 0. */
-struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_draw *draw,
+struct lw_light_sample lw_lights_place_sky(const struct lw_lights *lights, const struct lw_sky_sample *sky,
                                            struct lw_vec3 normal_ws, float *out_cosine);
 
 /** A sample of one punctual light; (u, v) choose the point on a sun's disc. */

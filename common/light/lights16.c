@@ -271,21 +271,21 @@ void lw_lights_sample_punctual16(const struct lw_lights *lights, uint32_t light,
     sample_punctual(&lights->punctual[light], lw_light_cone_of(l), certain, points, UINT16_MAX, out);
 }
 
-void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_draw draw[LANES],
+void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_sample sky[LANES],
                            const struct lw_points16 *points, struct lw_light_sample16 *out) {
     float cosine;
     if (!lights->scene->environment.width) { /* the same from everywhere */
         struct lw_vec3 local[LANES], irradiance_normal[LANES];
         for (int i = 0; i < LANES; i++) {
-            local[i] = draw[i].direction;
+            local[i] = sky[i].direction;
             irradiance_normal[i] =
-                lw_lights_place_sky(lights, &draw[i], lw_vec3(0, 0, 1), &cosine).irradiance_normal;
+                lw_lights_place_sky(lights, &sky[i], lw_vec3(0, 0, 1), &cosine).irradiance_normal;
         }
         point_about(local, irradiance_normal, points, out);
         return;
     }
     for (int i = 0; i < LANES; i++) {
-        const struct lw_light_sample s = lw_lights_place_sky(lights, &draw[i], normal(points, i), &cosine);
+        const struct lw_light_sample s = lw_lights_place_sky(lights, &sky[i], normal(points, i), &cosine);
         put(out, i, true, s.direction, s.distance_m, arriving(s.irradiance_normal, cosine));
     }
 }

@@ -49,8 +49,8 @@ void lw_lights_sample_near16(const struct lw_lights *lights, uint32_t light, con
 void lw_lights_sample_punctual16(const struct lw_lights *lights, uint32_t light, float u, float v,
                                  const struct lw_points16 *points, struct lw_light_sample16 *out);
 
-/** lw_lights_place_sky(), times the cosine. draw: one for each point. */
-void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_draw draw[16],
+/** lw_lights_place_sky(), times the cosine. sky: one for each point. */
+void lw_lights_place_sky16(const struct lw_lights *lights, const struct lw_sky_sample sky[16],
                            const struct lw_points16 *points, struct lw_light_sample16 *out);
 
 #endif

@@ -368,7 +368,7 @@ static enum lw_nats_link_event take_event(struct inbox *inbox) {
 
 enum lw_nats_link_event lw_nats_link_take(struct lw_nats_link *link, natsMsg **out_message) {
     struct inbox *inbox = link->inbox;
-    uint64_t told;
+    uint64_t wakes;
     pthread_mutex_lock(&inbox->mutex);
     enum lw_nats_link_event event = take_event(inbox);
     if (event == LW_NATS_LINK_NOTHING && inbox->count) {
@@ -379,7 +379,7 @@ enum lw_nats_link_event lw_nats_link_take(struct lw_nats_link *link, natsMsg **o
         LW_INVARIANT(inbox->bytes >= size_of(*out_message));
         inbox->bytes -= size_of(*out_message);
     }
-    if (event == LW_NATS_LINK_NOTHING) (void)!read(inbox->wake, &told, sizeof told);
+    if (event == LW_NATS_LINK_NOTHING) (void)!read(inbox->wake, &wakes, sizeof wakes);
     pthread_mutex_unlock(&inbox->mutex);
     return event;
 }

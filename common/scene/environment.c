@@ -157,8 +157,8 @@ static float density(const struct lw_environment_importance *importance, const s
     return per_picture / (2 * LW_PI * LW_PI * fmaxf(sine, SINE_MIN));
 }
 
-struct lw_vec3 lw_environment_importance_draw(const struct lw_environment_importance *importance, float u,
-                                              float v, float *out_pdf) {
+struct lw_vec3 lw_environment_importance_sample(const struct lw_environment_importance *importance, float u,
+                                                float v, float *out_pdf) {
     const float width = (float)importance->width, height = (float)importance->height;
     uint32_t y = lw_cdf_choose(importance->row, importance->height, v);
     const float *column = importance->column + (size_t)y * importance->width;

@@ -29,8 +29,8 @@ LW_MUST_CHECK enum lw_status lw_environment_importance_init(struct lw_environmen
 void lw_environment_importance_finish(struct lw_environment_importance *importance);
 
 /** A direction for (u, v) in [0, 1)^2, with its density, 1/sr. Only where excess > 0. */
-struct lw_vec3 lw_environment_importance_draw(const struct lw_environment_importance *importance, float u,
-                                              float v, float *out_pdf);
+struct lw_vec3 lw_environment_importance_sample(const struct lw_environment_importance *importance, float u,
+                                                float v, float *out_pdf);
 /** Density of a direction; 0 where there is no excess. */
 float lw_environment_importance_pdf(const struct lw_environment_importance *importance,
                                     struct lw_vec3 direction_ws);

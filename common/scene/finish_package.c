@@ -60,12 +60,13 @@ static void scene_record(struct lw_records *c, const struct lw_scene *scene) {
     const struct {
         uint32_t count;
         const char *what;
-    } told[] = {{scene->material_count, "materials"}, {scene->mesh_count, "meshes"}};
+    } expected[] = {{scene->material_count, "materials"}, {scene->mesh_count, "meshes"}};
     for (int i = 0; i < 2; i++) {
-        uint32_t count = told[i].count;
+        uint32_t count = expected[i].count;
         lw_record_words(c, &count, 1);
-        if (count != told[i].count)
-            lw_record_fail(c, "is of another scene, with %u %s, not %u", count, told[i].what, told[i].count);
+        if (count != expected[i].count)
+            lw_record_fail(c, "is of another scene, with %u %s, not %u", count, expected[i].what,
+                           expected[i].count);
     }
     lw_record_reserved(c);
     lw_record_reserved(c);

@@ -19,7 +19,7 @@ static struct lw_lobe_share integrate(float cosine, float alpha) {
     for (uint32_t s = 0; s < SAMPLES; s++) {
         float u[2];
         lw_random_sobol2(s, 0, u);
-        const struct lw_vec3 half = lw_microfacets_draw(to_eye, alpha, u);
+        const struct lw_vec3 half = lw_microfacets_sample(to_eye, alpha, u);
         const struct lw_vec3 to_light = lw_microfacets_mirror(to_eye, half);
         if (!(to_light.z > 0)) continue;
         const float c = lw_microfacets_schlick(lw_vec3_dot(to_eye, half));

@@ -73,9 +73,9 @@ struct lw_vec3 lw_lobes_reflect(const struct lw_lobes_seen *seen, struct lw_vec3
     return lw_vec3_scale(f, to_light.z);
 }
 
-bool lw_lobes_draw(const struct lw_lobes_seen *seen, const float u[2], float pick, struct lw_vec3 *out) {
+bool lw_lobes_sample(const struct lw_lobes_seen *seen, const float u[2], float pick, struct lw_vec3 *out) {
     if (pick < seen->mirror_share) {
-        *out = lw_microfacets_mirror(seen->to_eye, lw_microfacets_draw(seen->to_eye, seen->alpha, u));
+        *out = lw_microfacets_mirror(seen->to_eye, lw_microfacets_sample(seen->to_eye, seen->alpha, u));
         return out->z > 0;
     }
     const float r = sqrtf(u[0]), phi = 2 * LW_PI * u[1];

@@ -44,7 +44,7 @@ struct lw_lobes_seen {
     float of_gloss;         /* Fm of the gloss */
     /* Albedo towards the eye by lobes: mirrored once, and the rest, which goes everywhere */
     struct lw_vec3 mirrored, spread;
-    float mirror_share; /* share of bounce rays that are drawn as a mirror's */
+    float mirror_share; /* share of bounce rays that are sampled as a mirror's */
 };
 /** to_eye: unit; below the surface it counts as grazing. */
 struct lw_lobes_seen lw_lobes_see(const struct lw_lobes *lobes, struct lw_vec3 to_eye);
@@ -52,14 +52,14 @@ struct lw_lobes_seen lw_lobes_see(const struct lw_lobes *lobes, struct lw_vec3 t
 /** f times the light's cosine, 1/sr. to_light: unit; below the surface: 0. Always finite, never negative. */
 struct lw_vec3 lw_lobes_reflect(const struct lw_lobes_seen *seen, struct lw_vec3 to_light);
 
-/** A direction to look for light, unit, drawn about by f times its cosine. u: two even random numbers in [0,
- * 1), pick: a third. False: it is below the surface. */
-bool lw_lobes_draw(const struct lw_lobes_seen *seen, const float u[2], float pick, struct lw_vec3 *out);
+/** A direction to look for light, unit, sampled about by f times its cosine. u: two even random numbers in
+ * [0, 1), pick: a third. False: it is below the surface. */
+bool lw_lobes_sample(const struct lw_lobes_seen *seen, const float u[2], float pick, struct lw_vec3 *out);
 /** Density of such directions per solid angle. */
 float lw_lobes_pdf(const struct lw_lobes_seen *seen, struct lw_vec3 to_light);
 
-/** The same where directions that are not a mirror's are drawn with the density `spread` there, in place of
- * cosine / pi: pick >= seen->mirror_share. */
+/** The same where directions that are not a mirror's are sampled with the density `spread` there, in place
+ * of cosine / pi: pick >= seen->mirror_share. */
 float lw_lobes_pdf_with(const struct lw_lobes_seen *seen, struct lw_vec3 to_light, float spread);
 
 /** The share of light from everywhere that is reflected towards the eye. */

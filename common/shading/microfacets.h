@@ -46,7 +46,7 @@ static inline float lw_microfacets_seen_again(float to_eye, float to_light, floa
 }
 
 /** Normal of a facet that the eye sees. u: two even random numbers in [0, 1). */
-static inline struct lw_vec3 lw_microfacets_draw(struct lw_vec3 to_eye, float alpha, const float u[2]) {
+static inline struct lw_vec3 lw_microfacets_sample(struct lw_vec3 to_eye, float alpha, const float u[2]) {
     const struct lw_vec3 seen = lw_vec3_normalize(lw_vec3(alpha * to_eye.x, alpha * to_eye.y, to_eye.z));
     const float phi = 2 * LW_PI * u[0], z = (1 - u[1]) * (1 + seen.z) - seen.z;
     const float s = sqrtf(fmaxf(1 - z * z, 0));
@@ -58,7 +58,7 @@ static inline struct lw_vec3 lw_microfacets_mirror(struct lw_vec3 to_eye, struct
     return lw_vec3_sub(lw_vec3_scale(half, 2 * lw_vec3_dot(to_eye, half)), to_eye);
 }
 
-/** Density per solid angle by which lw_microfacets_draw() and lw_microfacets_mirror() find the direction of
+/** Density per solid angle by which lw_microfacets_sample() and lw_microfacets_mirror() find the direction of
  * light that `half` mirrors to the eye. */
 static inline float lw_microfacets_pdf(struct lw_vec3 to_eye, struct lw_vec3 half, float alpha) {
     return lw_microfacets_density(half, alpha) / (2 * (to_eye.z + lw_microfacets_stretch(to_eye.z, alpha)));

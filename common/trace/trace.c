@@ -1,5 +1,6 @@
 #include "common/trace/trace.h"
 
+#include "common/base/box.h"
 #include "common/base/random.h"
 #include "common/base/wide.h"
 #include "common/trace/trace_context.h"
@@ -26,18 +27,14 @@ struct geometry {
     bool has_alpha;
 };
 
-struct box {
-    struct lw_vec3 low, high;
-};
-
 struct mover {
     uint32_t object;
     RTCScene scene;       /* the object alone, in object space */
     RTCGeometry instance; /* in the moving scene */
     bool hidden;          /* the instance is disabled */
     float facing[3][3];   /* sign(facing * Ng . dir) in world space tells front from back */
-    struct box box_os;
-    struct box box_ws; /* with room for rounding */
+    struct lw_box box_os;
+    struct lw_box box_ws; /* with room for rounding */
 };
 
 /* At most this many boxes enclose the moving objects; a ray that misses them all is not traced through the
@@ -64,7 +61,7 @@ struct lw_trace {
     uint32_t *mover_of_object;
     struct mover *mover;
     uint32_t mover_count;
-    struct box box[BOXES_MAX]; /* where movers are now */
+    struct lw_box box[BOXES_MAX]; /* where movers are now */
     uint32_t box_count;
     bool tints; /* a material of the scene does */
     _Atomic int64_t memory_bytes;
@@ -253,38 +250,19 @@ static RTCScene new_scene(struct lw_trace *trace) {
     return scene;
 }
 
-static const struct box nowhere = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-
-static struct box box_around(struct box a, struct box b) {
-    return (struct box){lw_vec3_min(a.low, b.low), lw_vec3_max(a.high, b.high)};
-}
-
-static struct box box_of_mesh(const struct lw_mesh *mesh) {
-    struct box box = nowhere;
-    for (uint32_t i = 0; i < mesh->vertex_count; i++)
-        box = box_around(box, (struct box){mesh->position[i], mesh->position[i]});
+static struct lw_box box_of_mesh(const struct lw_mesh *mesh) {
+    struct lw_box box = LW_BOX_EMPTY;
+    for (uint32_t i = 0; i < mesh->vertex_count; i++) lw_box_add_point(&box, mesh->position[i]);
     return box;
 }
 
 /* Room on all sides: far more than Embree rounds by on the way into the instance's space and back, far less
  * than a mover. */
-static struct box box_with_room(struct box box) {
-    struct lw_vec3 most =
-        lw_vec3_max(lw_vec3_max(box.high, lw_vec3_scale(box.low, -1)), lw_vec3_sub(box.high, box.low));
+static struct lw_box box_with_room(struct lw_box box) {
+    struct lw_vec3 most = lw_vec3_max(lw_vec3_max(box.high, lw_vec3_scale(box.low, -1)), lw_box_size(&box));
     float room = 1e-4f * fmaxf(most.x, fmaxf(most.y, most.z)) + 1e-20f;
     struct lw_vec3 by = lw_vec3(room, room, room);
-    return (struct box){lw_vec3_sub(box.low, by), lw_vec3_add(box.high, by)};
-}
-
-static struct box box_moved(const struct lw_affine *t, const struct box *b) {
-    struct box box = nowhere;
-    for (int i = 0; i < 8; i++) {
-        struct lw_vec3 corner =
-            lw_affine_point(t, lw_vec3(i & 1 ? b->low.x : b->high.x, i & 2 ? b->low.y : b->high.y,
-                                       i & 4 ? b->low.z : b->high.z));
-        box = box_around(box, (struct box){corner, corner});
-    }
-    return box;
+    return (struct lw_box){lw_vec3_sub(box.low, by), lw_vec3_add(box.high, by)};
 }
 
 static void place_mover(struct mover *mover, const struct lw_pose *pose) {
@@ -293,7 +271,7 @@ static void place_mover(struct mover *mover, const struct lw_pose *pose) {
     if (hidden && !mover->hidden) rtcDisableGeometry(mover->instance);
     if (!hidden && mover->hidden) rtcEnableGeometry(mover->instance);
     mover->hidden = hidden;
-    mover->box_ws = box_with_room(box_moved(t, &mover->box_os));
+    mover->box_ws = box_with_room(lw_box_moved(t, &mover->box_os));
     rtcSetGeometryTransform(mover->instance, 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, t->m);
     rtcCommitGeometry(mover->instance);
     /* Ng . (M^-1 d) has the sign of (cofactors(M) Ng) . d times that of det M. */
@@ -314,11 +292,10 @@ static void box_movers(struct lw_trace *trace) {
     uint32_t count = 0, n = 0;
     for (uint32_t i = 0; i < trace->mover_count; i++) count += !trace->mover[i].hidden;
     trace->box_count = count < BOXES_MAX ? count : BOXES_MAX;
-    for (uint32_t b = 0; b < trace->box_count; b++) trace->box[b] = nowhere;
+    for (uint32_t b = 0; b < trace->box_count; b++) trace->box[b] = LW_BOX_EMPTY;
     for (uint32_t i = 0; i < trace->mover_count; i++) {
         if (trace->mover[i].hidden) continue;
-        struct box *box = &trace->box[(uint64_t)n++ * trace->box_count / count];
-        *box = box_around(*box, trace->mover[i].box_ws);
+        lw_box_add(&trace->box[(uint64_t)n++ * trace->box_count / count], &trace->mover[i].box_ws);
     }
 }
 
@@ -515,7 +492,7 @@ static enum lw_status take_pose(struct lw_trace *trace, const struct lw_pose *po
 }
 
 enum lw_status lw_trace_set_pose(struct lw_trace *trace, const struct lw_pose *pose, struct lw_error *err) {
-    enum lw_status status = lw_trace_settle(trace, true, err);
+    enum lw_status status = lw_trace_take_rebuilt(trace, true, err);
     return status == LW_OK ? take_pose(trace, pose, false, err) : status;
 }
 
@@ -524,7 +501,7 @@ enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_po
     return take_pose(trace, pose, true, err);
 }
 
-enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err) {
+enum lw_status lw_trace_take_rebuilt(struct lw_trace *trace, bool wait, struct lw_error *err) {
     if (!trace->rebuild || !(wait || trace->rebuild->ended)) return LW_OK;
     enum lw_status status = take_rebuild(trace);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "building the rays' structure");
@@ -583,7 +560,7 @@ LW_WIDE_INLINE void clip_to_slab(const float org[16], const float dir[16], float
 LW_WIDE static bool reach_movers(const struct lw_trace *trace, const struct RTCRay16 *ray, int valid[16]) {
     int reach[16] = {0}, any = 0;
     for (uint32_t b = 0; b < trace->box_count; b++) {
-        const struct box *box = &trace->box[b];
+        const struct lw_box *box = &trace->box[b];
         float enter[16], leave[16];
         memcpy(enter, ray->tnear, sizeof enter);
         memcpy(leave, ray->tfar, sizeof leave);

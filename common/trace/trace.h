@@ -107,14 +107,14 @@ LW_MUST_CHECK enum lw_status lw_trace_set_pose(struct lw_trace *trace, const str
                                                struct lw_error *err);
 
 /** The same, but a thread builds the first scene again, so that an object's first movement takes no longer
- * than later ones. Until lw_trace_settle() takes the new scene, a filter makes rays ignore the objects that
- * left the old one. Hits are the same; rays cost more. */
+ * than later ones. Until lw_trace_take_rebuilt() takes the new scene, a filter makes rays ignore the objects
+ * that left the old one. Hits are the same; rays cost more. */
 LW_MUST_CHECK enum lw_status lw_trace_set_pose_soon(struct lw_trace *trace, const struct lw_pose *pose,
                                                     struct lw_error *err);
 
 /** Takes the scene that the thread has built, if it has ended. wait: waits for it. Threads and errors as for
  * lw_trace_set_pose(). */
-LW_MUST_CHECK enum lw_status lw_trace_settle(struct lw_trace *trace, bool wait, struct lw_error *err);
+LW_MUST_CHECK enum lw_status lw_trace_take_rebuilt(struct lw_trace *trace, bool wait, struct lw_error *err);
 
 /** The material that a ray has met. It must have met something. */
 static inline const struct lw_material *lw_trace_material(const struct lw_scene *scene,

@@ -1,5 +1,6 @@
 #include "server/import/far_out.h"
 
+#include "common/base/box.h"
 #include "common/base/log.h"
 #include "common/scene/pose.h"
 #include "common/trace/trace.h"
@@ -16,10 +17,6 @@
 /* Triangles and objects that are looked at for all places together: a warning is not worth more time. */
 #define LOOKS_MAX 200000000ull
 
-struct box {
-    struct lw_vec3 low, high;
-};
-
 /* A place and the distance to the nearest surface. */
 struct place {
     struct lw_vec3 at;
@@ -31,22 +28,14 @@ struct search {
     const struct lw_scene *scene;
     const char *file;
     struct lw_pose pose;
-    struct box *box; /* per object */
+    struct lw_box *box; /* per object */
     uint64_t looks;
 };
 
 /* ---- geometry ---- */
 
-static float largest_of(struct lw_vec3 p) { return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))); }
-
-static float farthest_of(const struct box *box) { return fmaxf(largest_of(box->low), largest_of(box->high)); }
-
-static float outside(float x, float low, float high) { return fmaxf(fmaxf(low - x, x - high), 0); }
-
-static float distance_to_box(struct lw_vec3 p, const struct box *box) {
-    return lw_vec3_length(lw_vec3(outside(p.x, box->low.x, box->high.x),
-                                  outside(p.y, box->low.y, box->high.y),
-                                  outside(p.z, box->low.z, box->high.z)));
+static float farthest_of(const struct lw_box *box) {
+    return fmaxf(lw_vec3_max_abs(box->low), lw_vec3_max_abs(box->high));
 }
 
 static float distance_to_segment(struct lw_vec3 a, struct lw_vec3 b) { /* from (0, 0, 0) */
@@ -89,12 +78,12 @@ static float near_m_of(float coordinate_m) { return 2 * LW_TRACE_LIFT * coordina
 
 /* Whether something is nearer than that. distance_m: how near. */
 static bool is_inexact(struct search *search, struct place *place) {
-    const float near_m = near_m_of(largest_of(place->at));
+    const float near_m = near_m_of(lw_vec3_max_abs(place->at));
     place->distance_m = INFINITY;
     if (near_m < NEAR_MIN_M) return false;
     for (uint32_t o = 0; o < search->scene->object_count && search->looks < LOOKS_MAX; o++) {
         search->looks++;
-        if (o != place->own && distance_to_box(place->at, &search->box[o]) < fminf(near_m, place->distance_m))
+        if (o != place->own && lw_box_distance(&search->box[o], place->at) < fminf(near_m, place->distance_m))
             look_at_object(search, o, place);
     }
     return place->distance_m < near_m;
@@ -118,7 +107,7 @@ static void add(struct finding *finding, const char *name, const struct place *p
 
 /* Relative error of irradiance below a lamp, by where rays start: (d / (d - lift))^2 - 1. */
 static float error_of(const struct place *place) {
-    const float d = place->distance_m, lift_m = LW_TRACE_LIFT * largest_of(place->at);
+    const float d = place->distance_m, lift_m = LW_TRACE_LIFT * lw_vec3_max_abs(place->at);
     const float ratio = d / fmaxf(d - lift_m, 0.1f * d + 1e-9f);
     return ratio * ratio - 1;
 }
@@ -130,7 +119,7 @@ static void warn(const struct search *search, const struct finding *finding, con
            "%s: %s \"%s\" and %u more lie so far out (%g m) that floats are coarse against their distance to "
            "the "
            "nearest surface (%.2g m): %s; bring the scene nearer to the origin",
-           search->file, what, finding->first, finding->count - 1, (double)largest_of(finding->place.at),
+           search->file, what, finding->first, finding->count - 1, (double)lw_vec3_max_abs(finding->place.at),
            (double)finding->place.distance_m, effect);
 }
 
@@ -151,8 +140,8 @@ static void look_at_lamps(struct search *search) {
             add(&finding, scene->light[i].name, &place);
     }
     for (uint32_t o = 0; o < scene->object_count; o++) {
-        const struct box *box = &search->box[o];
-        struct place place = {.at = lw_vec3_scale(lw_vec3_add(box->low, box->high), 0.5f), .own = o};
+        const struct lw_box *box = &search->box[o];
+        struct place place = {.at = lw_box_middle(box), .own = o};
         if (near_m_of(farthest_of(box)) < NEAR_MIN_M) continue;
         search->looks += scene->mesh[scene->object[o].mesh].triangle_count;
         if (search->looks < LOOKS_MAX && shines(scene, &scene->mesh[scene->object[o].mesh]) &&
@@ -203,9 +192,8 @@ enum lw_status lw_far_out_warn(const struct lw_scene *scene, const struct lw_lig
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
     }
     for (uint32_t o = 0; o < scene->object_count; o++) {
-        struct box *box = &search.box[o];
-        box->low = lw_vec3(INFINITY, INFINITY, INFINITY);
-        box->high = lw_vec3_scale(box->low, -1);
+        struct lw_box *box = &search.box[o];
+        *box = LW_BOX_EMPTY;
         lw_pose_object_bounds(&search.pose, scene, o, &box->low, &box->high);
     }
     look_at_objects(&search, report);

@@ -213,7 +213,7 @@ bool lw_change_store_add(struct lw_change_store *store, const struct lw_scene_ch
     struct lw_error err = {0};
     const bool kept = !count || append(store, change, count, state, wall_s) ||
                       begin_from_state(store, state, wall_s, &err) == LW_OK;
-    if (!kept && !store->told) lw_log(LW_LOG_WARNING, "changes of clients are not kept: %s", err.text);
-    store->told = !kept;
+    if (!kept && !store->warned) lw_log(LW_LOG_WARNING, "changes of clients are not kept: %s", err.text);
+    store->warned = !kept;
     return kept;
 }

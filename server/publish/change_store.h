@@ -21,7 +21,7 @@ struct lw_change_store {
     int file; /* -1: not open, as after a failure */
     uint8_t key[LW_CHANGE_STORE_KEY_SIZE];
     uint64_t bytes, bytes_at_first; /* size now; size after the last rewrite */
-    bool told;                      /* the log knows of the failure */
+    bool warned;                    /* the log knows of the failure */
 };
 
 /** Opens FOLDER/changes, whose folder exists and is locked, or makes it.

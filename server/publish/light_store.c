@@ -73,13 +73,13 @@ void lw_light_store_finish(struct lw_light_store *store) {
 /* Logs the first failure only; a first run without files is none. */
 static void log_first_failure(struct lw_light_store *store, enum lw_status status,
                               const struct lw_error *err) {
-    if (status == LW_NO_INPUT || store->told) return;
-    store->told = true;
+    if (status == LW_NO_INPUT || store->warned) return;
+    store->warned = true;
     lw_log(LW_LOG_WARNING, "%s; lighting afresh", err->text);
 }
 
-struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
-                                          float target_error) {
+struct lw_snapshot *lw_light_store_load(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
+                                        float target_error) {
     struct lw_error err = {0};
     struct lw_snapshot *snapshot;
     LW_INVARIANT(store->is_locked); /* nobody else writes it meanwhile */

@@ -1,7 +1,7 @@
 /* light_store.h: saves light in a folder for the next run: the last snapshot, and the solver's sums.
  * Flow:    snapshots, solver -> [light store] -> FOLDER/shown, FOLDER/sums -> [light store] -> first
  *          snapshot, solver of the next run
- * Threads: lw_light_store_recall() before the solver's thread starts; everything else is that thread's.
+ * Threads: lw_light_store_load() before the solver's thread starts; everything else is that thread's.
  *
  * The last snapshot can be sent at once, long before the solver has texels and rays. If the scene has changed
  * or moved in the last run, it is a placeholder: its tiles do not count as converged (saved_light.h). Sums
@@ -21,7 +21,7 @@ struct lw_light_store {
     struct lw_snapshot *newest; /* NULL: none yet */
     bool changed;               /* the scene has changed in this run */
     bool due;                   /* something is not saved yet */
-    bool told;                  /* the log says that the saved light does not fit */
+    bool warned;                /* the log says that the saved light does not fit */
     uint64_t saved_ns;
     bool is_locked; /* the folder, by this descriptor: */
     int lock;
@@ -38,8 +38,8 @@ LW_MUST_CHECK enum lw_status lw_light_store_init(struct lw_light_store *store, c
 void lw_light_store_finish(struct lw_light_store *store);
 
 /** Last snapshot of the last run, a new reference. NULL if none fits; the reason is logged. */
-struct lw_snapshot *lw_light_store_recall(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
-                                          float target_error);
+struct lw_snapshot *lw_light_store_load(struct lw_light_store *store, const struct lw_atlas_map *atlas_map,
+                                        float target_error);
 
 /** Loads the sums of the last run into a new solver, if they fit; else the solver stays unchanged. Returns
  * the last frame number of the saved light, or 0; the frames of this run follow it. */

@@ -2,6 +2,7 @@
 
 #include "common/base/atomic_file.h"
 #include "common/base/control_path.h"
+#include "common/base/host_port.h"
 #include "common/base/log.h"
 #include "common/base/program_path.h"
 #include "server/serve/admission/exposure.h"
@@ -205,7 +206,7 @@ void lw_serve_options_remove_ports(const struct lw_serve_options *o) {
 }
 
 void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port) {
-    snprintf(dst, size, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
+    lw_host_port_format(dst, size, host, port);
 }
 
 void lw_serve_options_where(const struct lw_serve_options *o, const struct lw_server *server, char *dst,
@@ -213,17 +214,17 @@ void lw_serve_options_where(const struct lw_serve_options *o, const struct lw_se
     if (o->listen_unix)
         snprintf(dst, size, "unix:%s", o->listen_unix);
     else
-        lw_serve_options_format(dst, size, o->host, lw_server_port(server));
+        lw_host_port_format(dst, size, o->host, lw_server_port(server));
 }
 
 void lw_serve_options_tell(const struct lw_serve_options *o, const struct lw_server *server) {
     char address[sizeof o->host + 16];
     if (lw_server_http_port(server)) {
-        lw_serve_options_format(address, sizeof address, o->http_host, lw_server_http_port(server));
+        lw_host_port_format(address, sizeof address, o->http_host, lw_server_http_port(server));
         lw_log(LW_LOG_INFO, "in a browser: http%s://%s/", o->tls_certificate ? "s" : "", address);
     }
     if (lw_server_metrics_port(server)) {
-        lw_serve_options_format(address, sizeof address, o->metrics_host, lw_server_metrics_port(server));
+        lw_host_port_format(address, sizeof address, o->metrics_host, lw_server_metrics_port(server));
         lw_log(LW_LOG_INFO, "monitoring: http://%s/metrics", address);
     }
 }

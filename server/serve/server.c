@@ -211,13 +211,6 @@ static size_t cut_report(const char *text, size_t size) {
     return size;
 }
 
-bool lw_server_make_page(void *context, const char *path, struct lw_server_page *out_page) {
-    struct lw_server *server = context;
-    if (!server->hooks.page(server->hooks.context, path, out_page)) return false;
-    if (strcmp(path, "/metrics") == 0) lw_relay_tree_add_metrics(&server->shared.tree, out_page);
-    return true;
-}
-
 /* Answers a question over the control socket. */
 static enum lw_report_code on_ask(void *context, const struct lw_message_ask *ask, char **out_text,
                                   size_t *out_size) {
@@ -225,7 +218,8 @@ static enum lw_report_code on_ask(void *context, const struct lw_message_ask *as
     struct lw_server_page page = {0};
     switch (ask->what) {
     case LW_ASK_STATS:
-        if (!server->hooks.page || !lw_server_make_page(server, "/metrics", &page)) return LW_REPORT_UNKNOWN;
+        if (!server->hooks.page || !lw_server_listeners_page(server, "/metrics", &page))
+            return LW_REPORT_UNKNOWN;
         *out_text = page.text;
         *out_size = cut_report(page.text, page.size);
         return LW_REPORT_DONE;
@@ -369,7 +363,7 @@ static void wake_loop(void *context) {
 
 static enum lw_status init_channel(struct lw_server *server, const struct lw_server_desc *desc,
                                    uint32_t number) {
-    struct lw_session_channel *channel = &server->shared.channel[number];
+    struct lw_session_channel *channel = &server->shared.channels.at[number];
     const uint32_t tiles = desc->atlas_map->tile_count;
     const struct lw_tile_channel *is = lw_tile_channel_at(number);
     channel->number = number;
@@ -398,7 +392,7 @@ static bool any_bit(const uint8_t *bits, size_t size) {
 /* The split form of light is served where clients may draw any. */
 static enum lw_status init_channels(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_message_welcome *welcome = &server->shared.welcome;
-    uint32_t *served = &server->shared.channels_served;
+    uint32_t *served = &server->shared.channels.served;
     *served = desc->channels | lw_light_form_bit(LW_LIGHT_FORM_FULL);
     if (any_bit(desc->client_lights, desc->client_lights_size) ||
         any_bit(desc->client_materials, desc->client_materials_size)) {
@@ -425,22 +419,22 @@ static enum lw_status init_shared(struct lw_server *server, const struct lw_serv
     shared->scene = desc->scene;
     shared->first_light = desc->first_light;
     shared->epoch = 1;
-    shared->sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
-    shared->address_sessions_max = desc->address_sessions_max;
+    shared->limits.sessions_max = desc->sessions_max ? desc->sessions_max : LW_SERVER_SESSIONS_MAX;
+    shared->limits.address_sessions_max = desc->address_sessions_max;
     shared->parse.budget = LW_SERVER_PARSE_MAX;
     shared->on_open = on_session_opened;
     shared->ask = on_ask;
     shared->on_close = on_session_closed;
     shared->server = server;
     server->tcp.sessions = shared;
-    shared->rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
+    shared->limits.rate_limit_bytes_hz = desc->rate_limit_bytes_hz;
     shared->web_servers = desc->web_servers;
     shared->retry_after_ms = desc->retry_after_ms;
-    shared->hello_timeout_ns = timeout_ns(desc->hello_timeout_ms, LW_SERVER_HELLO_TIMEOUT_S);
-    shared->stall_timeout_ns = timeout_ns(desc->stall_timeout_ms, LW_SERVER_STALL_TIMEOUT_S);
-    shared->excess_timeout_ns = timeout_ns(desc->excess_timeout_ms, LW_SERVER_EXCESS_TIMEOUT_S);
-    shared->package_timeout_ns = timeout_ns(desc->package_timeout_ms, LW_SERVER_PACKAGE_TIMEOUT_S);
-    shared->silence_timeout_ns = timeout_ns(desc->silence_timeout_ms, LW_SERVER_SILENCE_S);
+    shared->limits.hello_timeout_ns = timeout_ns(desc->hello_timeout_ms, LW_SERVER_HELLO_TIMEOUT_S);
+    shared->limits.stall_timeout_ns = timeout_ns(desc->stall_timeout_ms, LW_SERVER_STALL_TIMEOUT_S);
+    shared->limits.excess_timeout_ns = timeout_ns(desc->excess_timeout_ms, LW_SERVER_EXCESS_TIMEOUT_S);
+    shared->limits.package_timeout_ns = timeout_ns(desc->package_timeout_ms, LW_SERVER_PACKAGE_TIMEOUT_S);
+    shared->limits.silence_timeout_ns = timeout_ns(desc->silence_timeout_ms, LW_SERVER_SILENCE_S);
     shared->welcome = (struct lw_message_welcome){.version = LW_WIRE_VERSION,
                                                   .features = desc->features,
                                                   .name = desc->name ? desc->name : "lightwelld " LW_VERSION,
@@ -574,13 +568,13 @@ enum lw_status lw_server_get_scene(struct lw_server *server, struct lw_server_sc
     const struct lw_session_shared *shared = &server->shared;
     enum lw_status status = lw_server_packages_await(server);
     if (status != LW_OK) return status;
-    struct lw_server_scene scene = {.run = shared->welcome.run, .channels = shared->channels_served};
+    struct lw_server_scene scene = {.run = shared->welcome.run, .channels = shared->channels.served};
     struct lw_message message = {.type = LW_MESSAGE_WELCOME, .welcome = shared->welcome};
     struct lw_message_welcome *w = &message.welcome;
     w->session = 1;
     w->servers = NULL; /* each has a list of its own */
     w->features |= LW_FEATURE_RESUME | LW_FEATURE_TREE | (w->finish.size ? LW_FEATURE_MATERIALS : 0) |
-                   lw_tile_channels_features(shared->channels_served);
+                   lw_tile_channels_features(shared->channels.served);
     w->finer = shared->atlas_map->finer_count;
     if (w->finer) w->features |= LW_FEATURE_FINER;
     status = lw_blob_from_message(&message, &scene.welcome);
@@ -661,8 +655,8 @@ void lw_server_destroy(struct lw_server *server) {
     struct lw_session_shared *shared = &server->shared;
     (void)!lw_server_packages_await(server);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
-        lw_transcoder_destroy(shared->channel[f].transcoder); /* it wakes the loop, which goes now */
-        shared->channel[f].transcoder = shared->channel[f].deltas.transcoder = NULL;
+        lw_transcoder_destroy(shared->channels.at[f].transcoder); /* it wakes the loop, which goes now */
+        shared->channels.at[f].transcoder = shared->channels.at[f].deltas.transcoder = NULL;
     }
     if (server->loop.data) {
         while (shared->first) lw_session_close(shared->first, "the server ends");
@@ -681,7 +675,7 @@ void lw_server_destroy(struct lw_server *server) {
     lw_server_handover_finish(server);
     lw_snapshot_unref(shared->snapshot);
     lw_server_packages_finish(shared);
-    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) finish_channel(&shared->channel[f]);
+    for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) finish_channel(&shared->channels.at[f]);
     free(shared->listed);
     free(server->order);
     lw_interest_union_finish(&shared->interest_union);

@@ -78,8 +78,8 @@ static void adopt(struct lw_server *server, struct lw_snapshot *snapshot) {
     LW_INVARIANT(snapshot->tile_count == shared->atlas_map->tile_count);
     LW_INVARIANT(!shared->snapshot || snapshot->frame >= shared->snapshot->frame);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
-        if (shared->channels_served >> f & 1 && lw_snapshot_has(snapshot, f))
-            adopt_channel(server, &shared->channel[f], snapshot);
+        if (shared->channels.served >> f & 1 && lw_snapshot_has(snapshot, f))
+            adopt_channel(server, &shared->channels.at[f], snapshot);
     lw_fine_names_review(&shared->fine, snapshot);
     lw_snapshot_unref(shared->snapshot);
     shared->snapshot = snapshot;
@@ -148,14 +148,14 @@ void lw_server_handover_interest(struct lw_server *server) {
 }
 
 void lw_server_handover_wake_relay(struct lw_server *server) {
-    const uint32_t channels = server->shared.channels_taken;
+    const uint32_t channels = server->shared.channels.taken;
     if (!server->hooks.news) return;
     uv_mutex_lock(&server->mutex);
     const bool news = server->has_interest;
     uv_mutex_unlock(&server->mutex);
-    if (news || server->shared.passed.waiting || channels != server->told_channels)
+    if (news || server->shared.passed.waiting || channels != server->reported_channels)
         server->hooks.news(server->hooks.context);
-    server->told_channels = channels;
+    server->reported_channels = channels;
 }
 
 /* ---- the solver's side ---- */
@@ -181,7 +181,7 @@ void lw_server_set_relays_outside(struct lw_server *server, const struct lw_rela
     lw_relay_tree_set_outside(&server->shared.tree, node, count);
 }
 
-uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels_taken; }
+uint32_t lw_server_channels_taken(const struct lw_server *server) { return server->shared.channels.taken; }
 
 size_t lw_server_take_updates(struct lw_server *server, uint64_t frame, struct lw_scene_change **out_change,
                               size_t *out_change_count) {
@@ -291,10 +291,10 @@ static void count_outside(struct lw_session_shared *shared, const struct lw_serv
     else
         (more ? lw_interest_union_add : lw_interest_union_remove)(all, outside->tile, outside->tile_count);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
-        struct lw_session_channel *channel = &shared->channel[c];
+        struct lw_session_channel *channel = &shared->channels.at[c];
         if (!(outside->channels >> c & 1)) continue;
         LW_INVARIANT(more || channel->session_count > 0);
-        if (more ? !channel->session_count++ : !--channel->session_count) shared->channels_taken ^= 1u << c;
+        if (more ? !channel->session_count++ : !--channel->session_count) shared->channels.taken ^= 1u << c;
     }
 }
 
@@ -319,7 +319,7 @@ static void take_outside(struct lw_server *server) {
     server->next_outside = (struct lw_server_outside_copy){0};
     uv_mutex_unlock(&server->mutex);
     if (!has_next) return;
-    next.channels &= shared->channels_served;
+    next.channels &= shared->channels.served;
     /* in this order, so that a tile of both is never without interest */
     name_fine(shared, &next);
     count_outside(shared, &next, true);

@@ -1,6 +1,7 @@
 #include "server/serve/server_listeners.h"
 
 #include "common/base/clock.h"
+#include "common/base/host_port.h"
 #include "common/base/invariant.h"
 #include "common/base/log.h"
 #include "server/serve/transports/control_socket.h"
@@ -100,10 +101,6 @@ void lw_server_listeners_init(struct lw_server *server) {
 
 /* ---- sockets ---- */
 
-static void format_address(char *dst, const char *host, unsigned port) {
-    snprintf(dst, ADDRESS_SIZE, strchr(host, ':') ? "[%s]:%u" : "%s:%u", host, port);
-}
-
 /* option: which one names another address */
 static enum lw_status listen_failure(struct lw_error *err, const char *address, const char *option,
                                      int result) {
@@ -147,7 +144,7 @@ static enum lw_status start_listening(uv_tcp_t *listener, int *socket, const cha
                                       const char *option, uint16_t *out_port, struct lw_error *err) {
     if (socket) return take_over(listener, socket, out_port, err);
     char address[ADDRESS_SIZE], service[8];
-    format_address(address, host, port);
+    lw_host_port_format(address, sizeof address, host, port);
     snprintf(service, sizeof service, "%u", (unsigned)port);
     struct addrinfo hints = {.ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV}, *found;
     int result = getaddrinfo(host, service, &hints, &found);
@@ -237,6 +234,13 @@ static enum lw_status start_http(struct lw_server *server, const struct lw_serve
     return LW_OK;
 }
 
+bool lw_server_listeners_page(void *context, const char *path, struct lw_server_page *out_page) {
+    struct lw_server *server = context;
+    if (!server->hooks.page(server->hooks.context, path, out_page)) return false;
+    if (strcmp(path, "/metrics") == 0) lw_relay_tree_add_metrics(&server->shared.tree, out_page);
+    return true;
+}
+
 static enum lw_status start_metrics(struct lw_server *server, const struct lw_server_desc *desc,
                                     struct lw_error *err) {
     if (!desc->metrics_host || (desc->sockets && desc->sockets->metrics < 0)) return LW_OK;
@@ -247,7 +251,7 @@ static enum lw_status start_metrics(struct lw_server *server, const struct lw_se
                                            .hosts = desc->http_hosts,
                                            .tls = desc->metrics_guarded ? server->tcp.tls : NULL,
                                            .wants_token = desc->metrics_guarded,
-                                           .page = lw_server_make_page,
+                                           .page = lw_server_listeners_page,
                                            .page_context = server};
     enum lw_status status =
         start_listening(&server->metrics_listener, desc->sockets ? &desc->sockets->metrics : NULL,

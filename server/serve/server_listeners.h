@@ -20,6 +20,9 @@ lw_server_listeners_open(struct lw_server *server, const struct lw_server_desc *
 LW_MUST_CHECK enum lw_status lw_server_listeners_open_control(struct lw_server *server, const char *path,
                                                               struct lw_error *err);
 
+/** The program's page, and in its metrics the relays below. Needs hooks.page. context: the server */
+bool lw_server_listeners_page(void *context, const char *path, struct lw_server_page *out_page);
+
 /** Whether a connection waits for the next turn of the loop. */
 bool lw_server_listeners_any_held(const struct lw_server *server);
 /** A new turn: takes the connections that waited for it. */

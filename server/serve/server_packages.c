@@ -11,8 +11,8 @@
 struct packing {
     enum lw_message_type type; /* its chunks' */
     struct lw_session_package *to;
-    struct lw_message_package *told; /* its lists are allocated */
-    uint32_t capacity;               /* chunks */
+    struct lw_message_package *announced; /* its lists are allocated */
+    uint32_t capacity;                    /* chunks */
     ZSTD_CCtx *zstd;
     uint8_t *piece; /* LW_SESSION_CHUNK bytes */
 };
@@ -26,7 +26,7 @@ static enum lw_status add_chunk(struct packing *p, uint32_t part, size_t size) {
         to->chunk = grown;
         p->capacity = grown_capacity;
     }
-    uint64_t *compressed_size = &p->told->compressed_size;
+    uint64_t *compressed_size = &p->announced->compressed_size;
     struct lw_session_chunk *chunk = &to->chunk[to->chunk_count];
     struct lw_message message = {.type = p->type, .package_chunk = {*compressed_size, p->piece, size}};
     enum lw_status status = lw_blob_from_message(&message, &chunk->blob);
@@ -56,14 +56,14 @@ static enum lw_status compress_part(struct packing *p, uint32_t part, const uint
 }
 
 /* The lists of parts; free_parts() frees them. */
-static enum lw_status list_parts(struct lw_message_package *told, const uint8_t *package, const uint64_t *end,
-                                 size_t count) {
+static enum lw_status list_parts(struct lw_message_package *announced, const uint8_t *package,
+                                 const uint64_t *end, size_t count) {
     uint64_t *size = malloc(2 * count * sizeof *size);
     struct lw_package_hash *hash = malloc(count * sizeof *hash);
-    told->part_size = size;
-    told->part_hash = hash;
+    announced->part_size = size;
+    announced->part_hash = hash;
     if (!size || !hash) return LW_NO_MEMORY;
-    told->part_compressed_size = size + count;
+    announced->part_compressed_size = size + count;
     for (size_t i = 0; i < count; i++) {
         const uint64_t begin = i ? end[i - 1] : 0;
         LW_INVARIANT(end[i] > begin);
@@ -71,13 +71,13 @@ static enum lw_status list_parts(struct lw_message_package *told, const uint8_t 
         size[count + i] = 0;
         lw_package_hash(package + begin, (size_t)size[i], &hash[i]);
     }
-    told->part_count = count;
+    announced->part_count = count;
     return LW_OK;
 }
 
-static void free_parts(struct lw_message_package *told) {
-    free((void *)told->part_size); /* and part_compressed_size */
-    free((void *)told->part_hash);
+static void free_parts(struct lw_message_package *announced) {
+    free((void *)announced->part_size); /* and part_compressed_size */
+    free((void *)announced->part_hash);
 }
 
 /* A package that ends as its parts do. */
@@ -85,44 +85,46 @@ static enum lw_status compress(struct packing *p, const uint8_t *bytes, const ui
     const size_t size = (size_t)end[count - 1];
     p->piece = malloc(LW_SESSION_CHUNK);
     p->zstd = ZSTD_createCCtx();
-    enum lw_status status = p->piece && p->zstd ? list_parts(p->told, bytes, end, count) : LW_NO_MEMORY;
+    enum lw_status status = p->piece && p->zstd ? list_parts(p->announced, bytes, end, count) : LW_NO_MEMORY;
     if (status == LW_OK &&
         ZSTD_isError(ZSTD_CCtx_setParameter(p->zstd, ZSTD_c_compressionLevel, COMPRESSION_LEVEL)))
         status = LW_INTERNAL;
-    p->told->size = size;
-    lw_package_hash(bytes, size, &p->told->hash);
+    p->announced->size = size;
+    lw_package_hash(bytes, size, &p->announced->hash);
     for (size_t i = 0; status == LW_OK && i < count; i++) {
-        const uint64_t begin = i ? end[i - 1] : 0, compressed = p->told->compressed_size;
+        const uint64_t begin = i ? end[i - 1] : 0, compressed = p->announced->compressed_size;
         status = compress_part(p, (uint32_t)i, bytes + begin, (size_t)(end[i] - begin));
-        ((uint64_t *)p->told->part_compressed_size)[i] = p->told->compressed_size - compressed;
+        ((uint64_t *)p->announced->part_compressed_size)[i] = p->announced->compressed_size - compressed;
     }
     ZSTD_freeCCtx(p->zstd);
     free(p->piece);
-    LW_INVARIANT(status != LW_OK || p->to->chunk[p->to->chunk_count - 1].end == p->told->compressed_size);
+    LW_INVARIANT(status != LW_OK ||
+                 p->to->chunk[p->to->chunk_count - 1].end == p->announced->compressed_size);
     return status;
 }
 
 static enum lw_status compress_package(struct lw_session_shared *shared, const uint8_t *bytes, size_t size) {
     struct lw_message_welcome *w = &shared->welcome;
-    struct lw_message_package told = {0};
+    struct lw_message_package announced = {0};
     uint64_t *end = NULL;
     size_t count = 0;
     enum lw_status status = lw_package_cut(bytes, size, &end, &count);
     if (status == LW_OK)
-        status = compress(
-            &(struct packing){.type = LW_MESSAGE_PACKAGE_CHUNK, .to = &shared->package, .told = &told}, bytes,
-            end, count);
+        status = compress(&(struct packing){.type = LW_MESSAGE_PACKAGE_CHUNK,
+                                            .to = &shared->package,
+                                            .announced = &announced},
+                          bytes, end, count);
     free(end);
-    w->package_hash = told.hash;
-    w->package_size = told.size;
-    w->package_compressed_size = told.compressed_size;
+    w->package_hash = announced.hash;
+    w->package_size = announced.size;
+    w->package_compressed_size = announced.compressed_size;
     if (status != LW_OK || count == 1) { /* a package of one part: nothing more is announced */
-        free_parts(&told);
+        free_parts(&announced);
         return status;
     }
-    w->part_size = told.part_size;
-    w->part_compressed_size = told.part_compressed_size;
-    w->part_hash = told.part_hash;
+    w->part_size = announced.part_size;
+    w->part_compressed_size = announced.part_compressed_size;
+    w->part_hash = announced.part_hash;
     w->part_count = count;
     w->features |= LW_FEATURE_PARTS;
     return status;
@@ -142,7 +144,7 @@ static enum lw_status compress_finishes(struct lw_session_shared *shared, const 
     if (status == LW_OK)
         status = compress(&(struct packing){.type = LW_MESSAGE_FINISH_CHUNK,
                                             .to = &shared->finishes,
-                                            .told = &shared->welcome.finish},
+                                            .announced = &shared->welcome.finish},
                           bytes, end, count);
     free(end);
     return status;

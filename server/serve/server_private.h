@@ -59,10 +59,10 @@ struct lw_server {
     uv_timer_t tick, lag; /* run while there are connections: an idle server sleeps */
     uv_timer_t beat;      /* runs if hooks want it */
     struct lw_server_hooks hooks;
-    uint64_t lagged_ns;     /* when lag last came */
-    uint64_t ticked_ns;     /* when tick last came */
-    uint64_t window_ns;     /* when the window began that loop_lag and shared.ack belong to */
-    uint32_t told_channels; /* channels that sessions took when hooks.news was last called */
+    uint64_t lagged_ns;         /* when lag last came */
+    uint64_t ticked_ns;         /* when tick last came */
+    uint64_t window_ns;         /* when the window began that loop_lag and shared.ack belong to */
+    uint32_t reported_channels; /* channels that sessions took when hooks.news was last called */
     struct lw_histogram loop_lag;
     struct lw_durations lag_all; /* the same since the start */
     uv_signal_t interrupt, terminate, hangup;
@@ -98,8 +98,5 @@ struct lw_server {
 static inline void lw_server_close_handle(uv_handle_t *handle) {
     if (handle->type != UV_UNKNOWN_HANDLE && !uv_is_closing(handle)) uv_close(handle, NULL);
 }
-
-/** Makes the program's page, with the relays below it. In server.c. context: the server */
-bool lw_server_make_page(void *context, const char *path, struct lw_server_page *out_page);
 
 #endif

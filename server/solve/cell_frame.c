@@ -184,7 +184,7 @@ static enum lw_status pose(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     const bool looked_at = s->interest.scope != LW_INTEREST_NOTHING;
     enum lw_status status = take_pose(f, err);
-    if (status == LW_OK) status = lw_trace_settle(s->geometry->trace, false, err);
+    if (status == LW_OK) status = lw_trace_take_rebuilt(s->geometry->trace, false, err);
     if (status == LW_OK && s->pose_due && (looked_at || s->view_due)) status = apply_pose(f, err);
     lw_cell_light_charge(&f->light, &f->stats.pose_ns);
     return status;
@@ -445,7 +445,7 @@ static void weigh(struct frame *f) {
     exchange_due(f, LW_RANKS_WEIGHED);
 }
 
-static void pass_on_tile(void *user, uint32_t item, struct lw_work_report *report) {
+static void radiate_corrected_tile(void *user, uint32_t item, struct lw_work_report *report) {
     const struct frame *f = user;
     const struct lw_solve_tile *tile = &f->s->tiles.tile[item];
     (void)report;
@@ -458,7 +458,7 @@ static void pass_on_tile(void *user, uint32_t item, struct lw_work_report *repor
 static enum lw_status light(struct frame *f, struct lw_error *err) {
     struct lw_cell_solver *s = f->s;
     if (s->due_count) weigh(f);
-    lw_work_run(&s->work, s->tiles.count, LW_WORK_TILES, NULL, pass_on_tile, f);
+    lw_work_run(&s->work, s->tiles.count, LW_WORK_TILES, NULL, radiate_corrected_tile, f);
     lw_cell_light_charge(&f->light, &f->stats.change_ns);
     return s->due_count ? lw_cell_light_run(&f->light, err) : LW_OK;
 }

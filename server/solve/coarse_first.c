@@ -209,7 +209,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return LW_OK;
 }
 
-static void show(struct lw_solver *solver, uint32_t channels) {
+static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct coarse_first *s = (struct coarse_first *)solver;
     s->channels = channels;
     if (s->coarse) s->coarse->ops->show(s->coarse, channels);
@@ -300,7 +300,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "coarse first",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show,
+                                         .show = show_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

@@ -441,7 +441,7 @@ static void count_tiles(const struct layers *s, struct lw_solver_stats *stats) {
 }
 
 /* Takes over a pose; returns whether weights are others. */
-static bool take(struct layers *s, const struct lw_pose *pose) {
+static bool apply_pose(struct layers *s, const struct lw_pose *pose) {
     bool reweighed = false;
     lw_pose_copy(&s->pose, pose, s->desc.scene);
     for (uint32_t k = 0; k < s->count; k++) {
@@ -527,7 +527,7 @@ static enum lw_status frame(struct lw_solver *solver, const struct lw_pose *pose
                             struct lw_solver_stats *out_stats, struct lw_error *err) {
     struct layers *s = (struct layers *)solver;
     struct lw_solver_stats stats = {.moved = !lw_pose_equal(pose, &s->pose, s->desc.scene)};
-    const bool reweighed = stats.moved && take(s, pose);
+    const bool reweighed = stats.moved && apply_pose(s, pose);
     if (reweighed) {
         enum lw_status status = begin_sums(s, err);
         if (status != LW_OK) return status;
@@ -563,7 +563,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return status;
 }
 
-static void show(struct lw_solver *solver, uint32_t channels) {
+static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct layers *s = (struct layers *)solver;
     channels = lw_tiles_can_show(tiles_of(s->layer), channels);
     s->shows_all |= (channels & ~s->channels) != 0;
@@ -713,7 +713,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "layers",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show,
+                                         .show = show_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

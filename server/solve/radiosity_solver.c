@@ -113,7 +113,7 @@ static uint64_t shoot(struct lw_patch_solver *p) {
 }
 
 /* With bits for each pair, patches stay where they are from frame to frame. */
-static enum lw_status place(struct lw_patch_solver *p, struct lw_error *err) {
+static enum lw_status place_patches(struct lw_patch_solver *p, struct lw_error *err) {
     struct radiosity_solver *s = (struct radiosity_solver *)p;
     const struct lw_radiosity_terms *terms = &p->desc.radiosity;
     uint8_t key[16];
@@ -161,7 +161,7 @@ static enum lw_status init(struct lw_patch_solver *p, struct lw_error *err) {
                : LW_OK;
 }
 
-static void finish(struct lw_patch_solver *p) {
+static void finish_shooters(struct lw_patch_solver *p) {
     struct radiosity_solver *s = (struct radiosity_solver *)p;
     lw_shooters_finish(&s->shooters);
     lw_pair_visibility_finish(&s->visibility);
@@ -180,8 +180,8 @@ static const struct lw_patch_solver_method method = {.name = "radiosity",
                                                      .surfaces_shoot = surfaces_shoot,
                                                      .steps = steps,
                                                      .init = init,
-                                                     .finish = finish,
-                                                     .place = place,
+                                                     .finish = finish_shooters,
+                                                     .place = place_patches,
                                                      .bounces = shoot,
                                                      .keep = save_visibility,
                                                      .memory_bytes = memory_bytes};

@@ -179,7 +179,7 @@ static bool holds_fine(const struct lw_solver *solver, lw_tile_id id) {
 
 /* ---- the rest of solver.h ---- */
 
-static void show(struct lw_solver *solver, uint32_t channels) {
+static void show_channels(struct lw_solver *solver, uint32_t channels) {
     struct sparse *s = (struct sparse *)solver;
     s->is_coarse_due |= channels != s->channels;
     s->channels = channels;
@@ -240,7 +240,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "sparse",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show,
+                                         .show = show_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

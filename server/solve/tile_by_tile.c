@@ -296,7 +296,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return lw_status_fail(err, LW_INTERNAL, "a solver of tiles one after another knows no interest");
 }
 
-static void show(struct lw_solver *solver, uint32_t channels) {
+static void show_channels(struct lw_solver *solver, uint32_t channels) {
     LW_INVARIANT(channels == ((const struct tile_by_tile *)solver)->how.channels);
 }
 
@@ -345,7 +345,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "tile by tile",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show,
+                                         .show = show_channels,
                                          .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,

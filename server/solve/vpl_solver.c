@@ -53,7 +53,9 @@ static enum lw_status init(struct lw_patch_solver *p, struct lw_error *err) {
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%u virtual point lights", lights);
 }
 
-static void finish(struct lw_patch_solver *p) { lw_virtual_lights_finish(&((struct vpl_solver *)p)->lights); }
+static void finish_lights(struct lw_patch_solver *p) {
+    lw_virtual_lights_finish(&((struct vpl_solver *)p)->lights);
+}
 
 static void leave(struct lw_patch_solver *p, const struct lw_pose *next) {
     struct vpl_solver *s = (struct vpl_solver *)p;
@@ -63,7 +65,7 @@ static void leave(struct lw_patch_solver *p, const struct lw_pose *next) {
 }
 
 /* All sets of a round meet the same places, so that they add up. */
-static enum lw_status place(struct lw_patch_solver *p, struct lw_error *err) {
+static enum lw_status place_patches(struct lw_patch_solver *p, struct lw_error *err) {
     struct vpl_solver *s = (struct vpl_solver *)p;
     const uint32_t turn = p->frames / sets_of(p);
     (void)err;
@@ -155,9 +157,9 @@ static const struct lw_patch_solver_method method = {.name = "vpl",
                                                      .frames_min = FRAMES_MIN,
                                                      .steps = steps,
                                                      .init = init,
-                                                     .finish = finish,
+                                                     .finish = finish_lights,
                                                      .leave = leave,
-                                                     .place = place,
+                                                     .place = place_patches,
                                                      .bounces = bounces,
                                                      .list_parts = list_parts,
                                                      .memory_bytes = memory_bytes};

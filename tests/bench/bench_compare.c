@@ -37,7 +37,7 @@ static double region_mean(const struct picture *p, uint32_t column, uint32_t row
 }
 
 /* What a display shows of a picture at an exposure, linear. */
-static void show(const struct picture *p, float stops, float *out) {
+static void display(const struct picture *p, float stops, float *out) {
     const float scale = exp2f(stops);
     for (size_t i = 0; i < (size_t)p->width * p->height; i++) {
         const float *rgb = p->rgb + 3 * i;
@@ -55,8 +55,8 @@ static double flip(const struct picture *x, const struct picture *t) {
     double mean = (double)NAN;
     struct lw_error err;
     if (!shown) return mean;
-    show(t, stops, shown);
-    show(x, stops, shown + 3 * pixels);
+    display(t, stops, shown);
+    display(x, stops, shown + 3 * pixels);
     if (lw_flip_map(shown, shown + 3 * pixels, t->width, t->height, LW_FLIP_PIXELS_PER_DEGREE, map, &err) ==
         LW_OK)
         mean = lw_flip_mean(map, NULL, pixels);

@@ -65,7 +65,7 @@ static bool meet(const struct stage *s, uint32_t number, struct lw_vec3 *out_at,
     return true;
 }
 
-static struct lw_points16 place(struct lw_vec3 at, struct lw_vec3 normal, float spacing_m) {
+static struct lw_points16 points_around(struct lw_vec3 at, struct lw_vec3 normal, float spacing_m) {
     const struct lw_vec3 up = fabsf(normal.y) < 0.9f ? lw_vec3(0, 1, 0) : lw_vec3(1, 0, 0),
                          along = lw_vec3_normalize(lw_vec3_cross(up, normal)),
                          aside = lw_vec3_cross(normal, along), lifted = lw_vec3_mad(at, normal, 2e-3f);
@@ -129,7 +129,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     for (uint32_t p = 0; status == LW_OK && sums.relmse && p < s->packets; p++) {
         struct lw_vec3 at, normal;
         if (!meet(&stage, p, &at, &normal)) continue;
-        const struct lw_points16 points = place(at, normal, (float)s->spacing_m);
+        const struct lw_points16 points = points_around(at, normal, (float)s->spacing_m);
         measure(&stage, &points, p, (uint32_t)s->frames * TOGETHER, &sums);
     }
     for (size_t i = 0; i < sums.count; i++) mean += sums.relmse[i] / (double)sums.count;

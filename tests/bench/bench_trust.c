@@ -345,7 +345,7 @@ static enum lw_status prepare(struct scene *s, const char *name, struct lw_error
     return LW_OK;
 }
 
-static void finish(struct scene *s) {
+static void scene_finish(struct scene *s) {
     bench_view_light_finish(&s->light);
     for (uint32_t i = 0; i < SEEDS; i++) free(s->image[i]);
     free(s->reference);
@@ -381,7 +381,7 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
         snprintf(stem, sizeof stem, "trust-%u", settings->scenes++);
         if (settings->folder) status = write_pair(&s, stem, err);
     }
-    finish(&s);
+    scene_finish(&s);
     return status;
 }
 

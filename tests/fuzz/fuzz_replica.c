@@ -43,8 +43,8 @@ static void check_light(const struct lw_replica *r) {
                 lw_replica_get_tile(r, (lw_tile_id){t}).version);
 }
 
-static void take(struct lw_replica *r, struct lw_framing_header header, const uint8_t *body,
-                 struct lw_message_memory *memory) {
+static void decode_and_apply(struct lw_replica *r, struct lw_framing_header header, const uint8_t *body,
+                             struct lw_message_memory *memory) {
     struct lw_message m;
     if (lw_message_decode_with(header, body, memory, &m, NULL) != LW_OK) return;
     struct lw_error err = {0};
@@ -71,8 +71,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         if (length > size - at) length = size - at;
         if (kind == 0 || kind == 1) {
             const enum lw_message_type type = kind ? LW_MESSAGE_TILE : LW_MESSAGE_FRAME;
-            take(r, (struct lw_framing_header){.body_size = (uint32_t)length, .type = (uint16_t)type},
-                 bytes + at, &memory);
+            decode_and_apply(
+                r, (struct lw_framing_header){.body_size = (uint32_t)length, .type = (uint16_t)type},
+                bytes + at, &memory);
         } else if (kind == 2) {
             lw_replica_begin_run(r);
         } else if (kind == 3) {

@@ -125,20 +125,20 @@ static void begin(void) {
     prepare();
     now_ns = 100 * SECOND_NS;
     shared = (struct lw_session_shared){.atlas_map = &map,
-                                        .channels_served = lw_light_form_bit(LW_LIGHT_FORM_FULL),
+                                        .channels.served = lw_light_form_bit(LW_LIGHT_FORM_FULL),
                                         .welcome = {.version = LW_WIRE_VERSION,
                                                     .package_size = 1,
                                                     .package_compressed_size = CHUNKS * LW_SESSION_CHUNK,
                                                     .name = "fuzz"},
                                         .package = {chunk, CHUNKS},
                                         .scene = scene,
-                                        .sessions_max = PLACES,
+                                        .limits.sessions_max = PLACES,
                                         .parse.budget = LW_SERVER_PARSE_MAX,
-                                        .hello_timeout_ns = LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS,
-                                        .package_timeout_ns = LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS,
-                                        .stall_timeout_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS,
-                                        .excess_timeout_ns = LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS,
-                                        .silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS,
+                                        .limits.hello_timeout_ns = LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS,
+                                        .limits.package_timeout_ns = LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS,
+                                        .limits.stall_timeout_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS,
+                                        .limits.excess_timeout_ns = LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS,
+                                        .limits.silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS,
                                         .ask = ask,
                                         .on_open = note,
                                         .on_close = note};
@@ -159,7 +159,7 @@ static void close_links(void) {
     }
 }
 
-static void finish(void) {
+static void close_all(void) {
     for (unsigned i = 0; i < SESSIONS; i++)
         if (link_of[i] && !link_of[i]->is_closed) lw_session_close(link_of[i]->session, "the end");
     close_links();
@@ -183,14 +183,14 @@ struct input {
     size_t left;
 };
 
-static uint32_t take(struct input *in, unsigned bytes) {
+static uint32_t take_value(struct input *in, unsigned bytes) {
     uint32_t value = 0;
     for (; bytes && in->left; bytes--, in->at++, in->left--) value = value << 8 | *in->at;
     return value;
 }
 
 static void open_session(struct input *in, unsigned slot) {
-    const uint32_t what = take(in, 1);
+    const uint32_t what = take_value(in, 1);
     struct lw_session_peer peer = {.at = {.is_loopback = what & 8},
                                    .address = "peer",
                                    .may_control = what & 16,
@@ -223,43 +223,45 @@ static void say(struct input *in, struct link *link) {
     static const enum lw_message_type types[] = {
         LW_MESSAGE_HELLO, LW_MESSAGE_PACKAGE_REQUEST, LW_MESSAGE_INTEREST, LW_MESSAGE_ACK, LW_MESSAGE_PING,
         LW_MESSAGE_PONG,  LW_MESSAGE_UPDATE,          LW_MESSAGE_ASK};
-    struct lw_message m = {.type = types[take(in, 1) % (sizeof types / sizeof *types)]};
+    struct lw_message m = {.type = types[take_value(in, 1) % (sizeof types / sizeof *types)]};
     struct lw_message_interest_tile tile[4];
     struct lw_scene_change change[2] = {{0}};
     switch (m.type) {
     case LW_MESSAGE_HELLO:
-        m.hello = (struct lw_message_hello){.version = take(in, 1) % 8 ? LW_WIRE_VERSION : 9,
-                                            .features = take(in, 2),
-                                            .rate_limit_bytes_hz = take(in, 2),
+        m.hello = (struct lw_message_hello){.version = take_value(in, 1) % 8 ? LW_WIRE_VERSION : 9,
+                                            .features = take_value(in, 2),
+                                            .rate_limit_bytes_hz = take_value(in, 2),
                                             .name = "fuzz"};
         break;
     case LW_MESSAGE_PACKAGE_REQUEST:
-        m.package_request.offset = take(in, 3);
+        m.package_request.offset = take_value(in, 3);
         break;
     case LW_MESSAGE_INTEREST:
-        m.interest = (struct lw_message_interest){.everything = take(in, 1) & 1, .tile = tile};
-        m.interest.tile_count = m.interest.everything ? 0 : take(in, 1) % 5;
-        m.interest.stand_ins = take(in, 1) & 1;
+        m.interest = (struct lw_message_interest){.everything = take_value(in, 1) & 1, .tile = tile};
+        m.interest.tile_count = m.interest.everything ? 0 : take_value(in, 1) % 5;
+        m.interest.stand_ins = take_value(in, 1) & 1;
         for (unsigned i = 0; i < 4; i++)
-            tile[i] = (struct lw_message_interest_tile){take(in, 1) % 3, take(in, 1) % 5, take(in, 1) % 5};
+            tile[i] = (struct lw_message_interest_tile){take_value(in, 1) % 3, take_value(in, 1) % 5,
+                                                        take_value(in, 1) % 5};
         break;
     case LW_MESSAGE_ACK:
-        m.ack.frame = take(in, 2);
+        m.ack.frame = take_value(in, 2);
         break;
     case LW_MESSAGE_PING:
-        m.ping.token = take(in, 2);
+        m.ping.token = take_value(in, 2);
         break;
     case LW_MESSAGE_UPDATE:
-        m.update = (struct lw_message_update){take(in, 1), change, take(in, 1) % 3};
+        m.update = (struct lw_message_update){take_value(in, 1), change, take_value(in, 1) % 3};
         for (unsigned i = 0; i < 2; i++) {
-            change[i] = (struct lw_scene_change){take(in, 1) % 24, take(in, 1) % 4, take(in, 1) % 13, {0}};
+            change[i] = (struct lw_scene_change){
+                take_value(in, 1) % 24, take_value(in, 1) % 4, take_value(in, 1) % 13, {0}};
             for (unsigned v = 0; v < change[i].value_count && v < LW_SCENE_CHANGE_VALUES_MAX; v++)
-                change[i].value[v] = (float)take(in, 1) - 100;
+                change[i].value[v] = (float)take_value(in, 1) - 100;
             if (change[i].value_count > LW_SCENE_CHANGE_VALUES_MAX) change[i].value_count = 0;
         }
         break;
     case LW_MESSAGE_ASK:
-        m.ask = (struct lw_message_ask){take(in, 1), take(in, 1) % 4, take(in, 2)};
+        m.ask = (struct lw_message_ask){take_value(in, 1), take_value(in, 1) % 4, take_value(in, 2)};
         break;
     default:
         break;
@@ -290,19 +292,19 @@ static void go_on(struct link *link) {
 }
 
 static void step(struct input *in) {
-    const uint32_t what = take(in, 1);
+    const uint32_t what = take_value(in, 1);
     const unsigned slot = (what >> 4) % SESSIONS;
     struct link *link = link_of[slot];
     if (!link) {
         if (what & 1)
             open_session(in, slot);
         else
-            tick_all(take(in, 1) * (SECOND_NS / 16));
+            tick_all(take_value(in, 1) * (SECOND_NS / 16));
         return;
     }
     switch (what & 15) {
     case 0: {
-        size_t size = take(in, 1);
+        size_t size = take_value(in, 1);
         if (size > in->left) size = in->left;
         const uint8_t *bytes = in->at;
         in->at += size, in->left -= size;
@@ -316,13 +318,13 @@ static void step(struct input *in) {
         go_on(link);
         break;
     case 3:
-        if (!link->is_closed) lw_session_lost(link->session, take(in, 1) & 1 ? UV_EOF : UV_ECONNRESET);
+        if (!link->is_closed) lw_session_lost(link->session, take_value(in, 1) & 1 ? UV_EOF : UV_ECONNRESET);
         break;
     case 4:
-        tick_all(take(in, 1) * (SECOND_NS / 16));
+        tick_all(take_value(in, 1) * (SECOND_NS / 16));
         break;
     case 5:
-        tick_all(take(in, 1) * SECOND_NS);
+        tick_all(take_value(in, 1) * SECOND_NS);
         break;
     case 6:
         lw_turns_read_on(&shared);
@@ -344,6 +346,6 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         close_links();
         require(shared.place_count <= PLACES);
     }
-    finish();
+    close_all();
     return 0;
 }

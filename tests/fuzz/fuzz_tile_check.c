@@ -16,8 +16,8 @@ static void init_map(struct lw_atlas_map *map) {
     require(lw_atlas_map_init(map, &scene) == LW_OK);
 }
 
-static void take(struct lw_tile_check *check, const struct lw_atlas_map *map,
-                 const struct lw_message_tile *tile, uint64_t *known, struct lw_tile_held *held) {
+static void check_tile(struct lw_tile_check *check, const struct lw_atlas_map *map,
+                       const struct lw_message_tile *tile, uint64_t *known, struct lw_tile_held *held) {
     struct lw_tile_finding f;
     require(lw_tile_check_take(check, tile, known, held, &f) == LW_OK);
     if (f.verdict == LW_TILE_NOWHERE) return;
@@ -46,7 +46,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         at += header.body_size;
         if (lw_message_decode(header, body, &message, NULL) != LW_OK) continue;
         if (message.type == LW_MESSAGE_TILE)
-            take(check, &map, &message.tile, known + turn % 2 * map.tile_count, turn % 2 ? held : NULL);
+            check_tile(check, &map, &message.tile, known + turn % 2 * map.tile_count, turn % 2 ? held : NULL);
         lw_message_finish(&message);
     }
     free(known);

@@ -46,7 +46,7 @@ static bool read_change(struct reader *r, struct lw_scene_change *out) {
 }
 
 /* As a session does. */
-static bool take(struct lw_scene_roster *roster, const struct lw_scene_change *change, size_t count) {
+static bool apply_update(struct lw_scene_roster *roster, const struct lw_scene_change *change, size_t count) {
     enum lw_scene_change_code code = LW_SCENE_CHANGE_OK;
     lw_scene_roster_save(roster);
     for (size_t i = 0; i < count && !code; i++) {
@@ -86,7 +86,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         size_t count = 0;
         while (count < CHANGES_MAX && r.at < r.size)
             if (read_change(&r, &change[count++])) break;
-        if (!take(&roster, change, count)) continue;
+        if (!apply_update(&roster, change, count)) continue;
         for (size_t i = 0; i < count; i++) lw_scene_state_change(&state, &change[i], (double)r.at);
         lw_scene_state_pose(&state, (double)r.at, &pose);
         compare(&roster, &pose);

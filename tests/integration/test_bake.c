@@ -796,7 +796,7 @@ static void a_scene_without_light_is_refused(void **state) {
 
 /* The state that cannot be saved is a warning; a map that cannot be written ends the bake, which keeps its
  * state. */
-static void a_full_disk_is_told(void **state) {
+static void a_full_disk_is_reported(void **state) {
     (void)state;
     char out[256], arguments[512];
     const char *squares = save_squares();
@@ -834,7 +834,7 @@ int main(void) {
         T(killed_tile_by_tile_it_goes_on),
         T(wrong_use_is_refused),
         T(a_scene_without_light_is_refused),
-        T(a_full_disk_is_told),
+        T(a_full_disk_is_reported),
     };
 #undef T
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -168,7 +168,7 @@ static bool has_server(void *context) {
     return (server->pid = server_of(server->parent)) != 0;
 }
 
-static void a_server_that_dies_is_told_and_the_rest_measured(void **state) {
+static void a_server_that_dies_is_reported_and_the_rest_measured(void **state) {
     (void)state;
     struct lw_process process;
     char arguments[500];
@@ -249,7 +249,7 @@ static void fails_with_one_line(void **state) {
 /* Each whole run takes seconds by the clock. With an argument: the long tests alone. */
 int main(int argc, char **argv) {
     const struct CMUnitTest long_tests[] = {
-        cmocka_unit_test_teardown(a_server_that_dies_is_told_and_the_rest_measured, lw_process_teardown),
+        cmocka_unit_test_teardown(a_server_that_dies_is_reported_and_the_rest_measured, lw_process_teardown),
         cmocka_unit_test_teardown(by_the_wall_clock_each_side_is_judged, lw_process_teardown),
         cmocka_unit_test_teardown(users_of_opengl_join_the_row, lw_process_teardown),
     };

@@ -84,7 +84,7 @@ static void the_folder_is_the_users_choice(void **state) {
 }
 
 /* A damaged one is reported once, downloaded again and written in its place. */
-static void a_damaged_one_is_told_and_healed(void **state) {
+static void a_damaged_one_is_reported_and_healed(void **state) {
     (void)state;
     char arguments[300], folder_path[300], path[700] = "";
     struct lw_process ctl;
@@ -112,7 +112,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_second_command_downloads_nothing),
         cmocka_unit_test(the_folder_is_the_users_choice),
-        cmocka_unit_test(a_damaged_one_is_told_and_healed),
+        cmocka_unit_test(a_damaged_one_is_reported_and_healed),
     };
     return cmocka_run_group_tests(tests, start, stop);
 }

@@ -177,7 +177,7 @@ static bool is_settled(const struct lw_process *daemon, uint64_t tiles) {
 
 /* Until the daemon's light has converged and the clients from number `first` on, all that it
  * has, have all that it sent. */
-static void settle(const struct lw_process *daemon, unsigned first) {
+static void await_all_light(const struct lw_process *daemon, unsigned first) {
     for (uint64_t deadline_ns = limit_ns();;) {
         uint64_t tiles = 0;
         for (unsigned i = first; i < viewers.count; i++) {
@@ -284,7 +284,7 @@ static double run_to_rest(const char *arguments, unsigned clients) {
     unsigned first = viewers.count;
     lw_process_serve(&daemon, arguments);
     for (unsigned i = 0; i < clients; i++) join(&daemon);
-    settle(&daemon, first);
+    await_all_light(&daemon, first);
     struct report report = read_report(&daemon);
     double rays = last_of(&report, "rays_total");
     free_report(&report);
@@ -324,7 +324,7 @@ static void converged_light_costs_nothing(void **state) {
     struct lw_process daemon;
     lw_process_serve(&daemon, CONVERGES "--frame-rate 60");
     struct lw_client *early = join(&daemon);
-    settle(&daemon, 0);
+    await_all_light(&daemon, 0);
     struct lw_client_stats before = stats_of(early);
     const uint64_t began_ns = lw_clock_ns();
     struct report report = read_report(&daemon);
@@ -351,7 +351,7 @@ static void converged_light_costs_nothing(void **state) {
     /* a late client gets the same */
     struct lw_client *late = join(&daemon);
     wait_complete(late);
-    settle(&daemon, 0);
+    await_all_light(&daemon, 0);
     assert_true(same_tiles(early, late) && same_light(early, late));
     report = read_report(&daemon);
     assert_true(last_of(&report, "rays_total") == rays);
@@ -988,7 +988,7 @@ static double light_with(const char *options, unsigned bounces) {
     snprintf(arguments, sizeof arguments, CORNELL "--error 0.15 --frame-rate 300 %s", options);
     lw_process_serve(&daemon, arguments);
     struct lw_client *client = join(&daemon);
-    settle(&daemon, viewers.count - 1);
+    await_all_light(&daemon, viewers.count - 1);
     assert_true(is_complete(client));
     assert_int_equal(stats_of(client).bounces, bounces);
     stop(&daemon);
@@ -1034,7 +1034,7 @@ static void expect_waiting(const char *policy, const char *expected) {
     stop(&daemon);
 }
 
-static void idle_threads_sleep_unless_told_otherwise(void **state) {
+static void idle_threads_sleep_unless_set_otherwise(void **state) {
     (void)state;
     const char *was = getenv("OMP_WAIT_POLICY");
     char *kept = was ? strdup(was) : NULL;
@@ -1075,7 +1075,7 @@ int main(int argc, char **argv) {
         cmocka_unit_test_teardown(a_scene_moves_frame_by_frame, end_all),
         cmocka_unit_test_teardown(a_frozen_scene_holds_still, end_all),
         cmocka_unit_test_teardown(every_way_to_solve_serves, end_all),
-        cmocka_unit_test_teardown(idle_threads_sleep_unless_told_otherwise, end_all),
+        cmocka_unit_test_teardown(idle_threads_sleep_unless_set_otherwise, end_all),
     };
     return argc > 1 ? cmocka_run_group_tests(long_tests, NULL, NULL)
                     : cmocka_run_group_tests(tests, NULL, NULL);

@@ -399,10 +399,10 @@ static void density_reaches_the_importer(void **state) {
     lw_support_ok(spawn(&(struct lw_import_spawn_desc){.scene = "builtin:cornell", .texels_max = 2000}, &s,
                         &coarse, &err),
                   &err);
-    const char *told = strstr(s.talk, "m texels (object \"");
-    assert_non_null(told);
-    assert_null(strstr(told + 1, "m texels (object \""));
-    assert_non_null(strstr(told, "2000 texels in all are the most; set --max-texels or --texels-per-metre"));
+    const char *line = strstr(s.talk, "m texels (object \"");
+    assert_non_null(line);
+    assert_null(strstr(line + 1, "m texels (object \""));
+    assert_non_null(strstr(line, "2000 texels in all are the most; set --max-texels or --texels-per-metre"));
     assert_true(coarse->mesh[0].atlas_width < fine->mesh[0].atlas_width);
     lw_scene_destroy(coarse);
     lw_scene_destroy(fine);
@@ -427,7 +427,7 @@ static void density_reaches_the_importer(void **state) {
     lw_scene_destroy(coarse);
 }
 
-static void a_failure_is_told_once_and_keeps_its_kind(void **state) {
+static void a_failure_is_reported_once_and_keeps_its_kind(void **state) {
     (void)state;
     struct lw_scene *scene;
     struct surroundings s;
@@ -463,7 +463,7 @@ static const char *write_program(const char *script) {
     return path;
 }
 
-static void crashes_are_told_from_refusals(void **state) {
+static void crashes_are_distinguished_from_refusals(void **state) {
     (void)state;
     struct lw_scene *scene;
     struct surroundings s;
@@ -657,8 +657,8 @@ int main(void) {
         cmocka_unit_test(a_scene_that_is_not_there_is_no_input),
         cmocka_unit_test(a_spawned_import_gives_a_scene_with_lightmaps),
         cmocka_unit_test(density_reaches_the_importer),
-        cmocka_unit_test(a_failure_is_told_once_and_keeps_its_kind),
-        cmocka_unit_test(crashes_are_told_from_refusals),
+        cmocka_unit_test(a_failure_is_reported_once_and_keeps_its_kind),
+        cmocka_unit_test(crashes_are_distinguished_from_refusals),
         cmocka_unit_test(cancelling_stops_the_importer),
         cmocka_unit_test(memory_is_bounded),
         cmocka_unit_test(what_is_read_is_not_written_over),

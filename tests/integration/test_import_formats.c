@@ -368,48 +368,48 @@ static void write_desk(const char *name, const char *x) {
 }
 
 /* What the program tells on stderr of a scene that it reads. */
-static char *told_of(const char *scene, const char *options) {
+static char *talk_of(const char *scene, const char *options) {
     struct lw_process process;
     start_import(&process, scene, options);
     assert_int_equal(lw_process_finish(&process, LW_PROCESS_LIMIT_S), 0);
     return lw_process_err(&process);
 }
 
-static void expect_told(const char *scene, const char *text, bool expected) {
-    char *told = told_of(scene, "--texels-per-metre 10");
-    if ((strstr(told, text) != NULL) != expected)
-        fail_msg("%s: \"%s\" is %stold: %s", scene, text, expected ? "not " : "", told);
-    free(told);
+static void expect_talk(const char *scene, const char *text, bool expected) {
+    char *talk = talk_of(scene, "--texels-per-metre 10");
+    if ((strstr(talk, text) != NULL) != expected)
+        fail_msg("%s: \"%s\" is %sreported: %s", scene, text, expected ? "not " : "", talk);
+    free(talk);
 }
 
 /* Where floats are too coarse for texels, for the distance of a lamp and of a camera. A ray starts 7 cm off a
  * surface at 100 km: 0.4 m below a lamp that is half as much light again. */
-static void what_lies_too_far_out_is_told(void **state) {
+static void what_lies_too_far_out_is_reported(void **state) {
     (void)state;
     write_text("far.obj", "v 1000000 0 0\nv 1000002 0 0\nv 1000002 0 -2\nv 1000000 0 -2\nf 1 2 3 4\n");
-    expect_told("far.obj", "so far out (1e+06 m) that floats are coarse against their texels", true);
+    expect_talk("far.obj", "so far out (1e+06 m) that floats are coarse against their texels", true);
     write_desk("desk.gltf", "0");
-    expect_told("desk.gltf", "so far out", false);
+    expect_talk("desk.gltf", "so far out", false);
     write_desk("desk.gltf", "10000");
-    expect_told("desk.gltf", "so far out", false);
+    expect_talk("desk.gltf", "so far out", false);
     write_desk("desk.gltf", "20000");
-    expect_told("desk.gltf", "lamp \"desk lamp\" and 0 more lie so far out (20000 m)", true);
-    expect_told("desk.gltf", "light is up to 8 % off there", true);
-    expect_told("desk.gltf", "object \"desk\"", false);
+    expect_talk("desk.gltf", "lamp \"desk lamp\" and 0 more lie so far out (20000 m)", true);
+    expect_talk("desk.gltf", "light is up to 8 % off there", true);
+    expect_talk("desk.gltf", "object \"desk\"", false);
     write_desk("desk.gltf", "-1e5");
-    expect_told("desk.gltf", "(0.4 m): light is up to 48 % off there; bring the scene nearer to the origin",
+    expect_talk("desk.gltf", "(0.4 m): light is up to 48 % off there; bring the scene nearer to the origin",
                 true);
-    expect_told("desk.gltf", "camera \"eye\" and 0 more lie so far out (100000 m)", true);
-    expect_told("desk.gltf", "object \"desk\" and 0 more lie so far out (100001 m)", true);
+    expect_talk("desk.gltf", "camera \"eye\" and 0 more lie so far out (100000 m)", true);
+    expect_talk("desk.gltf", "object \"desk\" and 0 more lie so far out (100001 m)", true);
     /* a material that shines is a lamp too, over a desk but not over itself */
     write_text("far.mtl", "newmtl lamp\nKe 5 5 5\n");
     write_text("lamp.obj",
                "mtllib far.mtl\no desk\nv 20000 0 0\nv 20002 0 0\nv 20002 0 -2\nv 20000 0 -2\nf 1 2 3 4\n"
                "o lamp\nusemtl lamp\nv 20001 0.4 -1\nv 20001 0.4 -1.1\nv 20001.1 0.4 -1\nf 5 6 7\n");
-    expect_told("lamp.obj", "lamp \"lamp\" and 0 more lie so far out (20001.1 m)", true);
+    expect_talk("lamp.obj", "lamp \"lamp\" and 0 more lie so far out (20001.1 m)", true);
     write_text("lamp.obj", "mtllib far.mtl\no lamp\nusemtl lamp\nv 20001 0.4 -1\nv 20001 0.4 -1.1\n"
                            "v 20001.1 0.4 -1\nf 1 2 3\n");
-    expect_told("lamp.obj", "so far out", false);
+    expect_talk("lamp.obj", "so far out", false);
 }
 
 static int clean_up(void **state) {
@@ -429,7 +429,7 @@ int main(void) {
         cmocka_unit_test_teardown(the_spawner_survives, clean_up),
         cmocka_unit_test_teardown(an_orphan_ends, clean_up),
         cmocka_unit_test_teardown(scale_and_sides_reach_the_package, clean_up),
-        cmocka_unit_test_teardown(what_lies_too_far_out_is_told, clean_up),
+        cmocka_unit_test_teardown(what_lies_too_far_out_is_reported, clean_up),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -79,7 +79,7 @@ static void find(struct lit *lit, float first, float later, float noise) {
     const uint32_t number = (uint32_t)(lit->block - tile->block),
                    corner = tile->first + number / tile->block_columns * LW_TILE_BLOCK * tile->width +
                             number % tile->block_columns * LW_TILE_BLOCK;
-    change->told = change->verified = lw_change_all_packets(lit->block);
+    change->uncorrected = change->verified = lw_change_all_packets(lit->block);
     for (uint32_t set = 0; set < lit->block->packet_count; set++) {
         struct lw_change_packet *packet = &change->packet[set];
         memset(packet, 0, sizeof *packet);
@@ -120,7 +120,7 @@ static void test_light_that_comes(void **state) {
     expect_near(after.mean - before.mean, 0.03 * texels(&lit), 1e-3);
     expect_near(lit.block->luminance - luminance, 0.03 * texels(&lit), 1e-3);
     /* A correction is not found again. */
-    lit.block->change.told = lw_change_all_packets(lit.block);
+    lit.block->change.uncorrected = lw_change_all_packets(lit.block);
     assert_false(lw_control_variate_indirect(lit.tiles, lit.tile, 0.02f, true));
     room_finish(&lit.s);
 }

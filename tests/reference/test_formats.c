@@ -116,8 +116,8 @@ static void expect_floor(struct lw_scene *scene, double time_s, double r, double
 }
 
 /* Mean radiance of a picture of the path tracer. */
-static void look(const struct lw_scene *scene, struct lw_vec3 from, struct lw_vec3 to, uint32_t bounces,
-                 uint32_t samples, double out[3]) {
+static void mean_radiance(const struct lw_scene *scene, struct lw_vec3 from, struct lw_vec3 to,
+                          uint32_t bounces, uint32_t samples, double out[3]) {
     struct lw_path_world world;
     struct lw_path_film film;
     struct lw_error err = {0};
@@ -153,8 +153,8 @@ static void transmission_is_thin_and_tinted(void **state) {
     /* the path tracer, from below the pane and from above it: there the pane reflects (1 - t) c of all */
     struct lw_scene *scene = load(&file, glass, 3);
     double below[3], above[3];
-    look(scene, lw_vec3(0.02f, 0.5f, 0.03f), lw_vec3(0.05f, 0, 0.04f), 0, 64, below);
-    look(scene, lw_vec3(0.02f, 2.5f, 0.03f), lw_vec3(0.05f, 0, 0.04f), 0, 64, above);
+    mean_radiance(scene, lw_vec3(0.02f, 0.5f, 0.03f), lw_vec3(0.05f, 0, 0.04f), 0, 64, below);
+    mean_radiance(scene, lw_vec3(0.02f, 2.5f, 0.03f), lw_vec3(0.05f, 0, 0.04f), 0, 64, above);
     for (int c = 0; c < 3; c++) {
         const double colour[3] = {0.9, 0.4, 0.1}, passes = 0.8 * colour[c],
                      floor = 0.5 * SUN * passes / (double)LW_PI;
@@ -174,11 +174,12 @@ static void unlit_is_seen_and_no_light(void **state) {
         {"@EXTENSIONS", "'extensionsRequired':['KHR_materials_unlit'],"}};
     struct lw_scene *scene = load(&file, unlit, 2);
     double seen[3];
-    look(scene, lw_vec3(0, 0.1f, 0), lw_vec3(0.2f, 1, 0), 0, 4, seen); /* its dark side, too */
+    mean_radiance(scene, lw_vec3(0, 0.1f, 0), lw_vec3(0.2f, 1, 0), 0, 4, seen); /* its dark side, too */
     expect_near(seen[0], 0.9, 1e-5);
     expect_near(seen[1], 0.4, 1e-5);
     expect_near(seen[2], 0.1, 1e-5);
-    look(scene, lw_vec3(0, 0.9f, 0), lw_vec3(0.2f, 0, 0), 3, 4, seen); /* the floor, by paths that meet it */
+    mean_radiance(scene, lw_vec3(0, 0.9f, 0), lw_vec3(0.2f, 0, 0), 3, 4,
+                  seen); /* the floor, by paths that meet it */
     assert_true(seen[0] == 0 && seen[1] == 0 && seen[2] == 0);
     struct room_solution solution;
     room_solve_scene(&solution, scene, 16, (struct lw_solver_desc){.bounces = 3}, 8);
@@ -202,7 +203,7 @@ static void specular_glossiness_reflects_its_diffuse(void **state) {
         {"@FLOOR", "'extensions':{'KHR_materials_pbrSpecularGlossiness':{'diffuseFactor':[0.1,0.2,0.3,1],"
                    "'specularFactor':[0,0,0],'glossinessFactor':1}}"});
     double seen[3];
-    look(scene, lw_vec3(0, 1, 0), lw_vec3(0.1f, 0, 0), 0, 4, seen);
+    mean_radiance(scene, lw_vec3(0, 1, 0), lw_vec3(0.1f, 0, 0), 0, 4, seen);
     for (int c = 0; c < 3; c++) expect_near(seen[c], 0.1 * (c + 1) * SUN / (double)LW_PI, 1e-4);
     lw_scene_destroy(scene);
 }

@@ -172,7 +172,7 @@ static void start(struct world *w, bool even) {
     start_renderer(w, &w->map);
 }
 
-static void finish(struct world *w) {
+static void world_finish(struct world *w) {
     lw_gl_renderer_destroy(w->renderer);
     lw_gl_offscreen_destroy(w->offscreen);
     lw_compose_destroy(w->compose);
@@ -254,7 +254,7 @@ static void test_same_picture(void **state) {
     draw(&w, 0, by_gl);
     print_message("tiles of one object: %.4f differ by OpenGL\n", share_apart(part, by_gl));
     assert_true(share_apart(part, by_gl) < 0.01);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Charts show the tiles that are read, as the composer's do. */
@@ -276,7 +276,7 @@ static void test_charts(void **state) {
         assert_true(share_apart(by_cpu, by_gl) < 0.04); /* along the edges of texels and levels */
     }
     free(colour);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* A picture without a tile of finer levels has the bytes of one in a session without such levels. */
@@ -292,7 +292,7 @@ static void test_none(void **state) {
     start_renderer(&w, &plain);
     draw(&w, 0, without);
     assert_memory_equal(with, without, sizeof with);
-    finish(&w);
+    world_finish(&w);
     lw_atlas_map_finish(&plain);
 }
 
@@ -324,7 +324,7 @@ static void test_fades(void **state) {
         assert_memory_equal(at, goes ? before : after, sizeof at);
         assert_int_equal(lw_gl_renderer_figures(w.renderer).fine_tiles, goes ? 0 : finer);
     }
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Where four tiles of the finest level meet. */
@@ -353,7 +353,7 @@ static void test_borders(void **state) {
     print_message("where tiles meet: %.4f of the values differ\n", share_apart(by_cpu, at_once));
     assert_true(share_apart(by_cpu, at_once) < 0.001);
     assert_memory_equal(late, at_once, sizeof late);
-    finish(&w);
+    world_finish(&w);
 }
 
 static PFNGLGETINTEGERVPROC real_get_integerv;
@@ -388,7 +388,7 @@ static void test_full(void **state) {
     assert_true(share_apart(by_cpu, by_gl) < 0.001);
     free(needed);
     free(shown);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Coarsest levels of other light, which nobody sees here, change the scale by which light is packed; the
@@ -409,7 +409,7 @@ static void test_scale(void **state) {
     draw(&w, 0, after);
     assert_int_equal(lw_gl_renderer_figures(w.renderer).tiles_uploaded, uploaded + w.map.tile_count);
     assert_true(share_apart(before, after) == 0);
-    finish(&w);
+    world_finish(&w);
 }
 
 static void count_needed(struct world *w, const uint8_t *needed, uint32_t *out_both, uint32_t *out_one,
@@ -451,7 +451,7 @@ static void test_survey(void **state) {
         }
         free(needed);
         free(shown);
-        finish(&w);
+        world_finish(&w);
     }
 }
 
@@ -474,12 +474,12 @@ static void start_pool(struct pool *p) {
 
 static void finish_pool(struct pool *p) {
     lw_gl_fine_tiles_finish(&p->fine);
-    finish(&p->world);
+    world_finish(&p->world);
 }
 
 static uint32_t nth(const struct pool *p, uint32_t i) { return p->world.map.plain_count + i; }
 
-static bool take(struct pool *p, uint32_t tiles_max) {
+static bool take_tiles(struct pool *p, uint32_t tiles_max) {
     const struct lw_gl_fine_tiles_take take = {
         .source = &p->world.source, .scale = 1, .tiles_max = tiles_max};
     return lw_gl_fine_tiles_take(&p->fine, &take);
@@ -510,27 +510,27 @@ static void test_eviction(void **state) {
     struct pool p;
     start_pool(&p);
     for (uint32_t i = 0; i < 3; i++) p.world.tile[nth(&p, i)].version = 1;
-    assert_true(take(&p, UINT32_MAX));
+    assert_true(take_tiles(&p, UINT32_MAX));
     assert_pool(&p, 0, 3);
-    assert_false(take(&p, UINT32_MAX)); /* nothing has changed */
+    assert_false(take_tiles(&p, UINT32_MAX)); /* nothing has changed */
     set_finer(&p.world, (struct lw_client_tile){.version = 1});
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_pool(&p, 0, 4); /* nobody wants any of them: those that are there stay */
     survey(&p, 2, 6);
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_pool(&p, 2, 6);
     survey(&p, 2, 10);
-    assert_false(take(&p, UINT32_MAX)); /* all that are there are wanted */
+    assert_false(take_tiles(&p, UINT32_MAX)); /* all that are there are wanted */
     assert_pool(&p, 2, 6);
     survey(&p, 10, 14);
-    take(&p, 1);
+    take_tiles(&p, 1);
     assert_int_equal(p.fine.waiting, 3);
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_pool(&p, 10, 14);
     assert_int_equal(p.fine.waiting, 0);
     p.world.tile[nth(&p, 13)] = (struct lw_client_tile){0}; /* withdrawn: its slot is another's at once */
     survey(&p, 9, 13);
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_pool(&p, 9, 13);
     finish_pool(&p);
 }
@@ -541,14 +541,14 @@ static void test_ids_that_go_to_others(void **state) {
     struct pool p;
     start_pool(&p);
     for (uint32_t i = 0; i < 3; i++) p.world.tile[nth(&p, i)].version = 1;
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_pool(&p, 0, 3);
     const lw_tile_id first = {nth(&p, 0)}, second = {nth(&p, 1)};
     lw_atlas_map_release(&p.world.map, first);
     lw_atlas_map_release(&p.world.map, second);
     assert_int_equal(lw_atlas_map_claim_name(&p.world.map, 1).v, first.v);
     p.world.tile[second.v].version = 0;
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_int_equal(p.fine.used, 2);
     assert_true(p.fine.word[0] != 0 && p.fine.word[1] == 0 && p.fine.word[2] != 0);
     assert_int_equal(p.fine.uploaded, 4);
@@ -564,15 +564,15 @@ static void test_versions(void **state) {
     const uint32_t tiles_x = lw_atlas_level(p.world.map.atlas[place->object], place->level)->tiles_x;
     assert_int_equal(tiles_x, 2); /* 128 x 128 texels: four tiles */
     for (uint32_t i = 0; i < 4; i++) p.world.tile[nth(&p, i)].version = 1;
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_int_equal(p.fine.uploaded, 4);
     p.world.tile[nth(&p, 3)].version = 2; /* the last one is part of the borders of all */
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_int_equal(p.fine.uploaded, 8);
     p.world.tile[nth(&p, 0)].version = 2; /* the first one of none */
-    take(&p, UINT32_MAX);
+    take_tiles(&p, UINT32_MAX);
     assert_int_equal(p.fine.uploaded, 9);
-    assert_false(take(&p, UINT32_MAX));
+    assert_false(take_tiles(&p, UINT32_MAX));
     assert_int_equal(p.fine.uploaded, 9);
     finish_pool(&p);
 }

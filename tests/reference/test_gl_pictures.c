@@ -174,7 +174,7 @@ static void finish_renderer(struct world *w) {
     lw_gl_offscreen_destroy(w->offscreen);
 }
 
-static void finish(struct world *w) {
+static void world_finish(struct world *w) {
     finish_renderer(w);
     lw_compose_destroy(w->compose);
     lw_client_lights_finish(&w->drawn);
@@ -262,7 +262,7 @@ static void test_same_picture(const char *name, const char *camera) {
     if (camera) lw_support_ok(lw_camera_parse(camera, &w.view.camera, &err), &err);
     draw(&w);
     compare(name, &w);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* With lights that the client draws, beside as much other light as there may be with them. */
@@ -296,7 +296,7 @@ static void test_drawn(const char *name, const char *camera, float scale) {
     take_and_draw(&w, 1); /* nothing has moved */
     assert_int_equal(lw_gl_renderer_figures(w.renderer).maps_drawn, maps);
     assert_true(maps > 0);
-    finish(&w);
+    world_finish(&w);
 }
 
 static void test_drawn_atrium(void **state) {
@@ -338,7 +338,7 @@ static void test_part_of_the_light(void **state) {
     assert_true(lacking > w.map.tile_count / 5);
     draw(&w);
     compare("builtin:cornell, part of the light", &w);
-    finish(&w);
+    world_finish(&w);
 }
 
 static void test_cornell(void **state) {
@@ -445,7 +445,7 @@ static void test_panels(void **state) {
     lw_support_ok(lw_trace_set_pose(w.trace, &w.pose, &err), &err);
     draw(&w);
     compare("panels, changed", &w);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* A finish map: waves of normals, or of roughness, metalness and occlusion, or of colours. */
@@ -595,7 +595,7 @@ static void test_finish_picture(const char *name, bool environment, const char *
         draw(&w);
         compare(lw_show_name((enum lw_show)show), &w);
     }
-    finish(&w);
+    world_finish(&w);
 }
 
 static void test_finishes(void **state) {
@@ -632,7 +632,7 @@ static void test_directions(void **state) {
         compare(lamps ? "directions and a lamp" : "directions", &w);
         assert_true(difference_of(before, w.by_gl) > 10 * difference_of(w.by_cpu, w.by_gl));
         free(before);
-        finish(&w);
+        world_finish(&w);
     }
 }
 
@@ -688,7 +688,7 @@ static void test_directions_unknown(void **state) {
     assert_true(difference_of(before, w.by_cpu) < 1e-6);
     assert_true(difference_of(before + 3ul * PIXELS, w.by_gl) < 1e-4);
     free(before);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Directions of any bits: no pixel is no number, negative, or above the bounds of direction_form.h. */
@@ -711,7 +711,7 @@ static void test_directions_hostile(void **state) {
         assert_true(w.by_gl[i] >= 0 && w.by_gl[i] <= most * before[i + 3ul * PIXELS] + 1e-3f);
     }
     free(before);
-    finish(&w);
+    world_finish(&w);
 }
 
 static void test_finished_atrium(void **state) {
@@ -751,7 +751,7 @@ static void test_finishes_arrive(void **state) {
     for (size_t i = 0; i < (size_t)3 * PIXELS; i++) differs += fabs((double)(before[i] - w.by_gl[i]));
     assert_true(differs > 0.01 * 3 * PIXELS);
     free(before);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Before any light has arrived surfaces are as bright as their albedo. */
@@ -762,7 +762,7 @@ static void test_no_light(void **state) {
     for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].version = 0;
     draw(&w);
     compare("builtin:cornell, without light", &w);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Uploads are capped, what waits comes later, and nothing is uploaded twice. */
@@ -785,7 +785,7 @@ static void test_uploads(void **state) {
     w.tile[tile_count / 2].version++;
     draw(&w);
     assert_int_equal(lw_gl_renderer_figures(w.renderer).tiles_uploaded, tile_count + 1);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* Parts of the light, and charts, are the same by both; the parts add up. */
@@ -822,7 +822,7 @@ static void test_shows(void **state) {
     (void)err;
     free(sum);
     free(colour);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* The object of a room that fills the least of it: a thing that stands there. */
@@ -865,7 +865,7 @@ static void test_moved_caster(void **state) {
     assert_true(again > 0 && again < all);
     draw(&w);
     compare("builtin:cornell, a box moved", &w);
-    finish(&w);
+    world_finish(&w);
 }
 
 static struct lw_gl_renderer_figures figures_from(struct world *w, const char *camera) {
@@ -909,7 +909,7 @@ static void test_draw_calls(void **state) {
     assert_true(part.draw_calls <= all.draw_calls);
     assert_int_equal(none.objects, 0);
     assert_true(none.draw_calls <= 1);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* By how many codes at most a framebuffer differs from what lw_tonemap makes of the picture. */
@@ -964,7 +964,7 @@ static void test_show_and_meter(void **state) {
     }
     glDeleteFramebuffers(1, &frame);
     glDeleteRenderbuffers(1, &buffer);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* The tiles of a survey are those that the composer needs, but for few that cover a pixel or two. */
@@ -993,7 +993,7 @@ static void test_survey(void **state) {
     assert_true(lit <= 256 * pixel_count && lit > 64 * pixel_count);
     free(shown);
     free(needed);
-    finish(&w);
+    world_finish(&w);
 }
 
 /* RGB9E5 is within half a step of what it holds, times the scale. */
@@ -1032,7 +1032,7 @@ static void test_sizes(void **state) {
     }
     draw(&w);
     compare("builtin:cornell, after sizes that cannot be", &w);
-    finish(&w);
+    world_finish(&w);
 }
 
 static void test_sponza(void **state) {

@@ -30,7 +30,7 @@ struct picture {
     size_t count;
 };
 
-static struct picture look(const struct room_solution *s) {
+static struct picture picture_of(const struct room_solution *s) {
     struct picture picture = {.count = 0};
     const struct lw_atlas_level *level = &s->map.atlas[0]->level[0];
     for (int c = 0; c < 3; c++)
@@ -82,11 +82,11 @@ static void test_layers_wait_together(void **state) {
     (void)state;
     struct room_solution s;
     struct lw_waiting waiting = {0};
-    struct lw_solver_desc told = desc;
+    struct lw_solver_desc reporting = desc;
     const struct room room = room_with_two_lamps();
     uint64_t frame = 0;
-    told.waiting = &waiting;
-    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, told, "left;right", 0);
+    reporting.waiting = &waiting;
+    room_solve_layers(&s, room_scene(&room), room.texels_per_metre, reporting, "left;right", 0);
     assert_int_equal(lw_waiting_read(&waiting).stage, LW_WAITING_LOOKING_INSIDE);
     assert_true(lw_waiting_read(&waiting).share == 1);
     step(&s, &frame);
@@ -122,7 +122,7 @@ static void test_another_weight_takes_no_ray(void **state) {
     uint64_t frame = 0;
     begin(&s, "right", 0);
     room_solve_until_rest(&s, &frame);
-    struct picture before = look(&s);
+    struct picture before = picture_of(&s);
     const struct lw_vec3 on = s.pose.light[1].intensity;
 
     s.pose.light[1].intensity = lw_vec3(0, 0, 0);
@@ -133,11 +133,11 @@ static void test_another_weight_takes_no_ray(void **state) {
     struct room room = room_with_two_lamps();
     room.light_count = 1;
     expect_light_of(&s, &room, 0.01);
-    struct picture off = look(&s);
+    struct picture off = picture_of(&s);
 
     s.pose.light[1].intensity = lw_vec3(0, 2, 0); /* a channel in which it never shone */
     assert_int_equal(step(&s, &frame), 0);
-    struct picture green = look(&s);
+    struct picture green = picture_of(&s);
     assert_true(same(&green, &off, 0) && !same(&green, &off, 1) && same(&green, &off, 2));
     for (size_t i = 0; i < green.count; i++) /* as much of green as it gave of red, by 2 / 3 */
         assert_true(fabsf(3 * (green.light[1][i] - off.light[1][i]) -
@@ -145,7 +145,7 @@ static void test_another_weight_takes_no_ray(void **state) {
 
     s.pose.light[1].intensity = on;
     assert_int_equal(step(&s, &frame), 0);
-    struct picture after = look(&s);
+    struct picture after = picture_of(&s);
     for (int c = 0; c < 3; c++) assert_true(same(&after, &before, c));
     struct lw_solver_tile tile;
     s.solver->ops->read_tile(s.solver, (lw_tile_id){s.map.first_tile[0]}, &tile);
@@ -250,18 +250,18 @@ static void test_the_last_light_goes_out(void **state) {
     room.quad[ROOM_PANEL].emission = 0;
     room_solve_layers(&s, room_scene(&room), room.texels_per_metre, desc, "none", 0);
     room_solve_until_rest(&s, &frame);
-    struct picture before = look(&s);
+    struct picture before = picture_of(&s);
     const struct lw_vec3 on = s.pose.light[0].intensity;
     s.pose.light[0].intensity = lw_vec3(0, 0, 0);
     assert_int_equal(step(&s, &frame), 0);
     assert_true(s.stats.tiles_shown > 0);
-    struct picture off = look(&s);
+    struct picture off = picture_of(&s);
     for (int c = 0; c < 3; c++)
         for (size_t i = 0; i < off.count; i++) assert_true(off.light[c][i] == 0);
     s.pose.light[0].intensity = on;
     step(&s, &frame);
     assert_true(s.stats.tiles_shown > 0);
-    struct picture again = look(&s);
+    struct picture again = picture_of(&s);
     for (int c = 0; c < 3; c++) assert_true(same(&before, &again, c));
     forget(&again);
     forget(&off);
@@ -387,12 +387,12 @@ static void test_comes_back(void **state) {
     begin(&second, "right", 0);
     lw_support_ok(second.solver->ops->load(second.solver, path, key, &frames, NULL), NULL);
     assert_int_equal(frames, 12);
-    struct picture a = look(&first), b = look(&second);
+    struct picture a = picture_of(&first), b = picture_of(&second);
     for (int c = 0; c < 3; c++) assert_true(same(&a, &b, c));
     forget(&a), forget(&b);
     uint64_t other = frame;
     for (unsigned i = 0; i < 4; i++) step(&first, &frame), step(&second, &other);
-    a = look(&first), b = look(&second);
+    a = picture_of(&first), b = picture_of(&second);
     for (int c = 0; c < 3; c++) assert_true(same(&a, &b, c));
     forget(&a), forget(&b);
     room_finish(&second);

@@ -322,7 +322,7 @@ static void shading_is_never_negative_and_no_nan(void **state) {
         assert_true(albedo.x >= 0 && albedo.x <= 1.001f);
         const float u[2] = {lw_random_unit(lw_random_hash2(s, 16)), lw_random_unit(lw_random_hash2(s, 17))};
         struct lw_vec3 drawn;
-        if (!lw_lobes_draw(&gloss.seen, u, lw_random_unit(lw_random_hash2(s, 18)), &drawn)) continue;
+        if (!lw_lobes_sample(&gloss.seen, u, lw_random_unit(lw_random_hash2(s, 18)), &drawn)) continue;
         const float pdf = lw_lobes_pdf(&gloss.seen, drawn);
         assert_true(isfinite(pdf) && pdf >= 0);
     }

@@ -40,7 +40,7 @@ static uint8_t *looks_at(const struct room_solution *s, uint32_t first, uint32_t
     return wanted;
 }
 
-static void look(struct room_solution *s, uint32_t first, uint32_t count, uint32_t level) {
+static void set_interest(struct room_solution *s, uint32_t first, uint32_t count, uint32_t level) {
     uint8_t *wanted = looks_at(s, first, count, level);
     lw_support_ok(s->solver->ops->set_interest(s->solver, wanted, NULL), NULL);
     free(wanted);
@@ -70,7 +70,7 @@ static void test_wanted_tiles_are_lit_as_in_a_whole_solve(void **state) {
     uint64_t frame = 0;
     room_solve(&whole, &room, desc, 256);
     room_solve(&seen, &room, desc, 0);
-    look(&seen, FLOOR, 1, 0);
+    set_interest(&seen, FLOOR, 1, 0);
     solve_on(&seen, &frame, 256);
     const struct room_mean a = room_object_mean(&whole, FLOOR), b = room_object_mean(&seen, FLOOR);
     assert_true(a.indirect > 0.2 * a.direct);
@@ -102,7 +102,7 @@ static void test_far_tiles_are_solved_less_often(void **state) {
     uint32_t before = 0;
     for (uint32_t level = 0; level < 5; level++) {
         uint64_t frame = 64 * level;
-        look(&s, 0, 1, level);
+        set_interest(&s, 0, 1, level);
         solve_on(&s, &frame, 64);
         const uint32_t now = first_tile(&s, 0).sample_count;
         assert_in_range(now - before, frames[level] - 2, frames[level]);
@@ -135,7 +135,7 @@ static float *wander(unsigned threads, uint64_t *out_rays, size_t *out_size) {
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .threads = threads, .denoise = true}, 0);
     for (uint32_t o = 0; o < 12; o += 3) {
-        look(&s, o, 2, o % 2);
+        set_interest(&s, o, 2, o % 2);
         solve_on(&s, &frame, 9);
         s.pose.light[0].intensity.x *= 1.25f;
         solve_on(&s, &frame, 3);
@@ -165,7 +165,7 @@ static void test_nobody_looks_nothing_is_traced(void **state) {
     struct room_solution s;
     uint64_t frame = 0, rays;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .tracing_range_m = 1}, 0);
-    look(&s, 0, 0, 0);
+    set_interest(&s, 0, 0, 0);
     solve_on(&s, &frame, 1);
     assert_int_equal(s.stats.tiles_solved, 12); /* all have been lit once */
     rays = s.rays;
@@ -189,7 +189,7 @@ static void test_what_neither_is_seen_nor_lights_it_sleeps(void **state) {
     struct room_solution s;
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .target_error = -1}, 0);
-    look(&s, FLOOR, 1, 0);
+    set_interest(&s, FLOOR, 1, 0);
     solve_on(&s, &frame, 1);
     const struct room_mean asleep = room_object_mean(&s, 6 + FLOOR);
     solve_on(&s, &frame, 40);
@@ -197,7 +197,7 @@ static void test_what_neither_is_seen_nor_lights_it_sleeps(void **state) {
     for (uint32_t o = 6; o < 12; o++) assert_int_equal(first_tile(&s, o).sample_count, 1);
     assert_true(room_object_mean(&s, 6 + FLOOR).total == asleep.total);
     /* Somebody looks there, and nothing has moved: the old sample counts as much as the new ones. */
-    look(&s, 6 + FLOOR, 1, 0);
+    set_interest(&s, 6 + FLOOR, 1, 0);
     solve_on(&s, &frame, 1);
     const struct room_mean two = room_object_mean(&s, 6 + FLOOR);
     struct room_solution whole;
@@ -213,7 +213,7 @@ static void test_rests_with_what_is_looked_at(void **state) {
     struct room_solution s;
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 1, .target_error = 0.1f}, 0);
-    look(&s, FLOOR, 1, 0);
+    set_interest(&s, FLOOR, 1, 0);
     solve_on(&s, &frame, 200);
     assert_int_equal(s.stats.tiles_solved, 0);
     assert_int_equal(s.stats.tiles_contributing, 0);
@@ -235,9 +235,9 @@ static void test_wakes_to_the_light_of_today(void **state) {
     struct room_solution s;
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .target_error = 0.02f}, 0);
-    look(&s, 0, 12, 0);
+    set_interest(&s, 0, 12, 0);
     solve_on(&s, &frame, 300); /* long means, which forget slowly when asked to remember */
-    look(&s, 0, 6, 0);
+    set_interest(&s, 0, 6, 0);
     for (unsigned i = 0; i < 100;
          i++) { /* until it is forgotten that the second room's tiles light each other */
         dim(&s, 0, 1.001f);
@@ -250,7 +250,7 @@ static void test_wakes_to_the_light_of_today(void **state) {
     }
     solve_on(&s, &frame, 400); /* still frames make it no older */
     assert_true(room_object_mean(&s, 6 + FLOOR).total == before.total);
-    look(&s, 6, 6, 0);
+    set_interest(&s, 6, 6, 0);
     solve_on(&s, &frame, 1);
     expect_near(room_object_mean(&s, 6 + FLOOR).direct, 3 * before.direct, 0.01);
     solve_on(&s, &frame, 60);
@@ -276,7 +276,7 @@ static void test_changes_reach_what_is_looked_at(void **state) {
         for (unsigned seen = 0; seen < 2; seen++) {
             uint64_t frame = 0;
             room_solve(&s[seen], &room, (struct lw_solver_desc){.bounces = 1, .target_error = -1}, 0);
-            if (seen) look(&s[seen], CEILING, 1, 0);
+            if (seen) set_interest(&s[seen], CEILING, 1, 0);
             solve_on(&s[seen], &frame, 60);
             dim(&s[seen], 0, 4);
             solve_on(&s[seen], &frame, 1);
@@ -301,7 +301,7 @@ static void test_a_round_in_many_frames(void **state) {
     uint64_t frame = 0;
     struct lw_solver_desc d = {.bounces = 1, .target_error = -1, .frame_budget_s = 1e-12};
     room_solve(&s, &room, d, 0);
-    look(&s, 0, 12, 0);
+    set_interest(&s, 0, 12, 0);
     solve_on(&s, &frame, 1);
     const uint32_t tiles = s.stats.tiles_solved;
     assert_int_equal(s.stats.tiles_shown, tiles); /* the first frame lights everything */

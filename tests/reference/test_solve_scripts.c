@@ -112,7 +112,7 @@ static struct lw_solver_desc describe(double units, unsigned threads) {
 }
 
 /* Looks at `count` objects from `first` on, at a level; count 0: at nothing. */
-static void look(struct run *run, uint32_t first, uint32_t count, uint32_t level) {
+static void set_interest(struct run *run, uint32_t first, uint32_t count, uint32_t level) {
     const struct lw_atlas_map *map = &run->s.map;
     uint8_t *wanted = calloc(map->tile_count, 1);
     assert_non_null(wanted);
@@ -210,18 +210,18 @@ static void still(struct record *record, unsigned threads) {
 static void interest_jumps(struct record *record, unsigned threads) {
     struct run run;
     begin(&run, record, describe(SOME, threads), NULL);
-    look(&run, 0, 0, 0);
+    set_interest(&run, 0, 0, 0);
     step(&run, 2);
     for (uint32_t jump = 0; jump < 6; jump++) {
-        look(&run, jump * 5 % OBJECTS, 3, jump % 3);
+        set_interest(&run, jump * 5 % OBJECTS, 3, jump % 3);
         step(&run, 7);
         if (jump % 2) move_lamp(&run, jump % 3, 0.1f);
         step(&run, 3);
     }
-    look(&run, 0, 0, 0);
+    set_interest(&run, 0, 0, 0);
     move_lamp(&run, 0, 0.1f);
     step(&run, 2);
-    look(&run, 0, 2, 0);
+    set_interest(&run, 0, 2, 0);
     step(&run, 8);
     end(&run);
 }
@@ -244,7 +244,7 @@ static void onset_without_limit(struct record *record, unsigned threads) { onset
 static void sweep(struct record *record, unsigned threads) {
     struct run run;
     begin(&run, record, describe(SOME, threads), NULL);
-    look(&run, 0, OTHER_ROOM, 0);
+    set_interest(&run, 0, OTHER_ROOM, 0);
     step(&run, 16);
     for (unsigned f = 0; f < 24; f++) {
         move_lamp(&run, 1, f % 8 < 4 ? 0.05f : -0.05f);
@@ -335,7 +335,7 @@ static void probes(struct record *record, unsigned threads) {
 static void look_around_closely(struct run *run, uint32_t tiles, uint32_t jumps, unsigned frames) {
     const lw_tile_id *fine;
     uint32_t levels = 0;
-    look(run, 0, OBJECTS, 0);
+    set_interest(run, 0, OBJECTS, 0);
     step(run, 24);
     for (uint32_t jump = 0; jump < jumps; jump++) {
         look_closely(run, jump % 4, 1 + jump % LW_ATLAS_FINER_MAX, tiles + 2);
@@ -412,7 +412,7 @@ static void a_log_is_replayed(void **state) {
     step(&run, 20);
     move_lamp(&run, 0, 0.3f);
     step(&run, 6);
-    look(&run, 0, 3, 0);
+    set_interest(&run, 0, 3, 0);
     for (unsigned f = 0; f < 6; f++) {
         move_lamp(&run, 0, 0.05f);
         step(&run, 1);

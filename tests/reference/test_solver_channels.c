@@ -87,7 +87,7 @@ static void step(struct room_solution *s, uint64_t frame) {
     lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, NULL), NULL);
 }
 
-static void show(struct room_solution *s, uint32_t channels, uint64_t frame) {
+static void show_and_step(struct room_solution *s, uint32_t channels, uint64_t frame) {
     s->solver->ops->show(s->solver, channels);
     step(s, frame);
 }
@@ -141,7 +141,7 @@ static void shown_as_light_is(bool denoise) {
     s.solver->ops->read_tile(s.solver, (lw_tile_id){0}, &tile);
     assert_null(tile.shown[MADE_UP][0]); /* nobody asked */
     fill_all();
-    show(&s, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&s, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
     assert_int_equal(s.stats.texels_solved, 0);
     expect_linear(&s, factor_alone);
     room_finish(&s);
@@ -163,7 +163,7 @@ static void test_alone(void **state) {
     struct room_solution s;
     begin(&s, NULL, true, 4);
     fill_all();
-    show(&s, lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&s, lw_tile_channel_bit(MADE_UP), 5);
     expect_linear(&s, factor_alone);
     room_finish(&s);
 }
@@ -176,7 +176,7 @@ static void test_layers(void **state) {
     begin(&s, "left", true, 4);
     assert_int_equal(layers, 2);
     fill_all();
-    show(&s, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&s, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
     expect_linear(&s, factor_alone);
     s.pose.light[0].intensity = lw_vec3_scale(s.pose.light[0].intensity, 0.5f);
     step(&s, 6);
@@ -193,7 +193,7 @@ static void test_checkpoint(void **state) {
     begin(&first, NULL, true, 4);
     fill_all();
     const struct lw_tiles *before = lw_cell_layer_tiles(layer[0]);
-    show(&first, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&first, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
     lw_support_ok(first.solver->ops->save(first.solver, path, key, &err), &err);
     begin(&second, NULL, true, 0);
     const struct lw_tiles *after = lw_cell_layer_tiles(layer[0]);

@@ -40,7 +40,7 @@ static void end(struct parted *p) {
     lw_client_lights_finish(&p->client);
 }
 
-static void show(struct parted *p, unsigned forms) { p->s.solver->ops->show(p->s.solver, forms); }
+static void show_forms(struct parted *p, unsigned forms) { p->s.solver->ops->show(p->s.solver, forms); }
 
 static void step(struct parted *p, unsigned frames) {
     for (unsigned i = 0; i < frames; i++)
@@ -53,7 +53,7 @@ struct shown {
     double full, split, difference_square;
 };
 
-static struct shown look(const struct parted *p, uint32_t object) {
+static struct shown shown_of(const struct parted *p, uint32_t object) {
     struct shown shown = {0};
     double count = 0;
     const struct lw_atlas_level *level = &p->s.map.atlas[object]->level[0];
@@ -86,7 +86,7 @@ static void expect_difference(const struct parted *p, const struct room *drawn, 
     room_solve_scene(&direct, room_scene(drawn), drawn->texels_per_metre, desc, 0);
     room_solve_until_rest(&direct, &frame);
     for (uint32_t o = 0; o < ROOM_FACES; o++) {
-        const struct shown shown = look(p, o);
+        const struct shown shown = shown_of(p, o);
         expect_near(shown.full - shown.split, room_object_mean(&direct, o).direct, tolerance);
     }
     room_finish(&direct);
@@ -104,7 +104,7 @@ static void test_forms_differ_by_what_clients_draw(void **state) {
             struct lw_solver_desc desc = plain;
             desc.denoise = denoise;
             begin(&p, &room, desc, "left", groups[g]);
-            show(&p, BOTH);
+            show_forms(&p, BOTH);
             room_solve_until_rest(&p.s, &p.frame);
             expect_difference(&p, &left, 0.02);
             end(&p);
@@ -121,10 +121,10 @@ static void test_nothing_is_left_without_bounces(void **state) {
     begin(&p, &room, desc, NULL, "none");
     assert_int_equal(p.client.drawn_lights, 2);
     assert_int_equal(p.client.drawn_materials, 1); /* the panel is small */
-    show(&p, BOTH);
+    show_forms(&p, BOTH);
     step(&p, 8);
     for (uint32_t o = 0; o < ROOM_FACES; o++) {
-        const struct shown shown = look(&p, o);
+        const struct shown shown = shown_of(&p, o);
         assert_true(shown.full > 0.01 && fabs(shown.split) < 1e-5 * shown.full);
     }
     end(&p);
@@ -139,7 +139,7 @@ static void test_drawn_lights_change(void **state) {
         struct room room = make_room(), left = make_room();
         struct parted p;
         begin(&p, &room, plain, "left", groups[g]);
-        show(&p, BOTH);
+        show_forms(&p, BOTH);
         room_solve_until_rest(&p.s, &p.frame);
         left.light_count = 1;
         left.quad[ROOM_PANEL].emission = 0;
@@ -154,14 +154,14 @@ static void test_drawn_lights_change(void **state) {
         step(&p, 40);
         expect_difference(&p, &left, 0.03);
 
-        const double before = look(&p, 0).split;
+        const double before = shown_of(&p, 0).split;
         p.s.pose.light[0].intensity = lw_vec3(0, 0, 0);
         step(&p, 1);
-        struct shown dark = look(&p, 0);
+        struct shown dark = shown_of(&p, 0);
         assert_true(sqrt(dark.difference_square) < 0.01 * dark.full);
         assert_true(dark.split < before); /* its bounces are gone as well, or go */
         room_solve_until_rest(&p.s, &p.frame);
-        dark = look(&p, 0);
+        dark = shown_of(&p, 0);
         assert_true(sqrt(dark.difference_square) < 0.01 * dark.full);
         end(&p);
     }
@@ -177,27 +177,27 @@ static void test_a_form_may_come_late(void **state) {
         struct parted early, late;
         begin(&early, &room, plain, "left", groups[g]);
         begin(&late, &room, plain, "left", groups[g]);
-        show(&early, SPLIT);
+        show_forms(&early, SPLIT);
         room_solve_until_rest(&early.s, &early.frame);
         room_solve_until_rest(&late.s, &late.frame);
         struct lw_solver_tile tile;
         late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
         assert_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
-        show(&late, SPLIT);
+        show_forms(&late, SPLIT);
         step(&late, 1);
         assert_int_equal(late.s.stats.rays_shadow + late.s.stats.rays_bounce, 0);
         assert_true(late.s.stats.tiles_shown > 0);
         late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
         assert_int_equal(tile.solved_frame, late.frame);
         for (uint32_t o = 0; o < ROOM_FACES; o++)
-            expect_near(look(&late, o).split, look(&early, o).split, 0.005);
-        const double split = look(&late, 0).split, full = look(&late, 0).full;
-        show(&late, LW_LIGHT_FORMS_FULL);
+            expect_near(shown_of(&late, o).split, shown_of(&early, o).split, 0.005);
+        const double split = shown_of(&late, 0).split, full = shown_of(&late, 0).full;
+        show_forms(&late, LW_LIGHT_FORMS_FULL);
         step(&late, 1);
-        expect_near(look(&late, 0).full, full, 0.005);
-        show(&late, BOTH);
+        expect_near(shown_of(&late, 0).full, full, 0.005);
+        show_forms(&late, BOTH);
         step(&late, 1);
-        expect_near(look(&late, 0).split, split, 0.005);
+        expect_near(shown_of(&late, 0).split, split, 0.005);
         end(&early);
         end(&late);
     }
@@ -209,12 +209,12 @@ static void test_no_client_lights(void **state) {
     struct room room = make_room();
     struct parted p;
     begin(&p, &room, plain, "none", "none");
-    show(&p, BOTH);
+    show_forms(&p, BOTH);
     step(&p, 2);
     struct lw_solver_tile tile;
     p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){p.s.map.first_tile[0]}, &tile);
     assert_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
-    assert_true(look(&p, 0).full > 0);
+    assert_true(shown_of(&p, 0).full > 0);
     end(&p);
 }
 
@@ -243,7 +243,7 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     desc.denoise = true;
     begin(&p, &room, desc, "grey", "none");
     assert_int_equal(p.client.drawn_lights + 10 * p.client.drawn_materials, 10);
-    show(&p, BOTH);
+    show_forms(&p, BOTH);
     step(&p, 16);
     step(&sharp, 16);
     for (uint32_t id = 0; id < p.s.map.tile_count; id++) {
@@ -301,14 +301,14 @@ static void test_noise_of_what_is_shown_counts(void **state) {
     begin(&split, &room, desc, NULL, "none");
     desc.seed = 5;
     begin(&both, &room, desc, NULL, "none");
-    show(&split, SPLIT);
-    show(&both, BOTH);
+    show_forms(&split, SPLIT);
+    show_forms(&both, BOTH);
     const uint64_t rays = rays_until_rest(&split), more = rays_until_rest(&both);
     print_message("%.3g rays of %.3g; error %.4f\n", (double)rays, (double)more,
                   error_between(&split, &both));
     assert_true(rays < 0.9 * (double)more);
     assert_true(error_between(&split, &both) < (double)desc.target_error);
-    show(&split, BOTH);
+    show_forms(&split, BOTH);
     step(&split, 1);
     assert_true(split.s.stats.tiles_solved > 0 && split.s.stats.tiles_converged < split.s.stats.tiles);
     end(&split);

@@ -221,7 +221,7 @@ void serving_expect(int s, enum lw_message_type type, struct lw_message *out) {
     assert_int_equal(out->type, type);
 }
 
-void serving_expect_return_told(int s, enum lw_refusal code, uint32_t retry_after_ms) {
+void serving_expect_refusal_after(int s, enum lw_refusal code, uint32_t retry_after_ms) {
     struct lw_message m;
     while (serving_get(s, &m)) {
         if (m.type != LW_MESSAGE_REFUSAL) {
@@ -243,7 +243,7 @@ void serving_expect_return_told(int s, enum lw_refusal code, uint32_t retry_afte
     fail_msg("closed without a refusal");
 }
 
-void serving_expect_refusal(int s, enum lw_refusal code) { serving_expect_return_told(s, code, 0); }
+void serving_expect_refusal(int s, enum lw_refusal code) { serving_expect_refusal_after(s, code, 0); }
 
 const struct lw_message serving_hello = {.type = LW_MESSAGE_HELLO,
                                          .hello = {.version = LW_WIRE_VERSION, .name = "test"}};

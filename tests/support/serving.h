@@ -85,7 +85,7 @@ bool serving_get(int s, struct lw_message *out);
 /** Reads the next message, which must have this type. */
 void serving_expect(int s, enum lw_message_type type, struct lw_message *out);
 /** Expects REFUSAL with this code and time to come back, and then the end of the stream. */
-void serving_expect_return_told(int s, enum lw_refusal code, uint32_t retry_after_ms);
+void serving_expect_refusal_after(int s, enum lw_refusal code, uint32_t retry_after_ms);
 void serving_expect_refusal(int s, enum lw_refusal code);
 
 /* HELLO of a new client, and of one that resumes (LW_FEATURE_RESUME). */

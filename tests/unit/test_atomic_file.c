@@ -99,7 +99,7 @@ static void two_writers_do_not_mix(void **state) {
     assert_int_equal(files_in_folder(), 1);
 }
 
-static void a_place_that_goes_away_is_told(void **state) {
+static void a_place_that_goes_away_is_reported(void **state) {
     (void)state;
     char inner[sizeof path + 16], name[sizeof inner + 16];
     snprintf(inner, sizeof inner, "%s/inner", folder);
@@ -235,7 +235,7 @@ int main(void) {
         cmocka_unit_test(a_file_appears_with_commit),
         cmocka_unit_test(an_abandoned_file_leaves_the_old_one),
         cmocka_unit_test(two_writers_do_not_mix),
-        cmocka_unit_test(a_place_that_goes_away_is_told),
+        cmocka_unit_test(a_place_that_goes_away_is_reported),
         cmocka_unit_test(what_killed_writers_left_is_swept),
         cmocka_unit_test(what_is_in_work_is_not_swept),
         cmocka_unit_test(the_mode_of_an_old_file_stays),

@@ -54,10 +54,10 @@ static uint64_t fetch_finishes(const struct client_case_running *r, const struct
     struct lw_client *client;
     struct lw_client_stats stats;
     struct lw_error err = {0};
-    unsigned told = 0;
+    unsigned reports = 0;
     desc.host = "127.0.0.1";
     desc.port = lw_server_port(r->server);
-    desc.watch.context = &told;
+    desc.watch.context = &reports;
     desc.watch.finishes = count_finishes;
     lw_support_ok(lw_client_create(&desc, &client, &err), &err);
     do {
@@ -66,11 +66,11 @@ static uint64_t fetch_finishes(const struct client_case_running *r, const struct
         if (!stats.first_ns && lw_client_scene(client)) expect_matt(client);
     } while (!stats.settled_frame || lw_client_finishes(client) == LW_CLIENT_FINISHES_COMING);
     assert_int_equal(lw_client_finishes(client), expected);
-    assert_int_equal(told, expected == LW_CLIENT_FINISHES_THERE);
-    assert_int_equal(stats.finishes_ns != 0, told);
-    assert_int_equal(stats.finish_bytes != 0, told);
+    assert_int_equal(reports, expected == LW_CLIENT_FINISHES_THERE);
+    assert_int_equal(stats.finishes_ns != 0, reports);
+    assert_int_equal(stats.finish_bytes != 0, reports);
     assert_in_range(stats.package_bytes, 1, stats.bytes);
-    if (told) {
+    if (reports) {
         assert_in_range(stats.finish_bytes, 1, stats.bytes - stats.package_bytes);
         assert_true(stats.finishes_ns >= stats.first_ns);
         expect_finish(w, client);

@@ -128,8 +128,8 @@ static void fill_constant(struct world *w, uint32_t object, float value) {
 
 enum { WIDTH = 37, HEIGHT = 22 }; /* no multiple of a packet or a screen tile */
 
-static struct lw_compose_view look(float from_x, float from_y, float from_z, float to_x, float to_y,
-                                   float to_z, float fov_deg) {
+static struct lw_compose_view view_towards(float from_x, float from_y, float from_z, float to_x, float to_y,
+                                           float to_z, float fov_deg) {
     return (struct lw_compose_view){.camera =
                                         lw_camera_look_at(lw_vec3(from_x, from_y, from_z),
                                                           lw_vec3(to_x, to_y, to_z), fov_deg / 180 * LW_PI),
@@ -138,7 +138,7 @@ static struct lw_compose_view look(float from_x, float from_y, float from_z, flo
 }
 
 /* From above on the middle of the first square; all rays meet it. */
-static struct lw_compose_view look_down(void) { return look(0, 1, 0, 0, 0, 0, 40); }
+static struct lw_compose_view view_down(void) { return view_towards(0, 1, 0, 0, 0, 0, 40); }
 
 static struct lw_compose_report render(struct world *w, const struct lw_compose_view *view, float *rgb) {
     struct lw_compose_report report;
@@ -164,7 +164,7 @@ static void test_constant(void **state) {
     float rgb[WIDTH * HEIGHT * 3];
     world_init(&w, squares(1, 64, false));
     fill_constant(&w, 0, 3.0f);
-    struct lw_compose_view view = look_down();
+    struct lw_compose_view view = view_down();
     struct lw_compose_report report = render(&w, &view, rgb);
     assert_picture(rgb, 0.5f * 3.0f / LW_PI);
     assert_true(report.complete && report.converged);
@@ -183,7 +183,7 @@ static void test_emission_and_albedo(void **state) {
     }
     world_init(&w, scene);
     fill_constant(&w, 0, 3.0f);
-    struct lw_compose_view view = look_down();
+    struct lw_compose_view view = view_down();
     render(&w, &view, rgb);
     for (size_t i = 0; i < WIDTH * HEIGHT; i++)
         for (int c = 0; c < 3; c++)
@@ -206,7 +206,7 @@ static void test_unlit(void **state) {
         for (int c = 0; c < 3; c++) scene->material[0].base_colour[c] = 0.3f * (float)(c + 1);
         world_init(&w, scene);
         fill_constant(&w, 0, 3.0f);
-        struct lw_compose_view view = look_down();
+        struct lw_compose_view view = view_down();
         render(&w, &view, rgb);
         for (size_t i = 0; i < WIDTH * HEIGHT; i++)
             for (int c = 0; c < 3; c++)
@@ -256,7 +256,7 @@ static void test_tint(void **state) {
     memcpy(scene->material[0].tint, tint, sizeof tint);
     world_init(&w, scene);
     fill_constant(&w, 0, 3);
-    struct lw_compose_view view = look_down();
+    struct lw_compose_view view = view_down();
     render(&w, &view, rgb);
     for (size_t i = 0; i < WIDTH * HEIGHT; i++)
         for (int c = 0; c < 3; c++)
@@ -290,7 +290,7 @@ static void test_many_small_triangles(void **state) {
     struct world w;
     world_init(&w, scene);
     for (uint32_t o = 0; o < count; o++) fill_constant(&w, o, (float)(o + 1));
-    struct lw_compose_view view = look(2, 80, 1, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(2, 80, 1, 0, 0, 0, 40);
     view.width = 203, view.height = 101; /* no multiples of a packet */
     float *rgb = malloc((size_t)view.width * view.height * 3 * sizeof *rgb);
     assert_non_null(rgb);
@@ -328,7 +328,7 @@ static void test_sky(void **state) {
     struct world w;
     float rgb[WIDTH * HEIGHT * 3];
     world_init(&w, squares(1, 64, false));
-    struct lw_compose_view view = look(0, 1, 0, 0, 2, 0, 40);
+    struct lw_compose_view view = view_towards(0, 1, 0, 0, 2, 0, 40);
     struct lw_compose_report report = render(&w, &view, rgb);
     for (size_t i = 0; i < WIDTH * HEIGHT; i++) {
         assert_float_equal(rgb[3 * i], 0.25f, 0);
@@ -349,7 +349,7 @@ static void test_environment(void **state) {
     w.scene->environment = (struct lw_environment){.width = 4, .height = 1, .rgb = texels};
     for (int side = -1; side < 2;
          side += 2) { /* texel centres of columns 1 and 2 are at +-45 degrees from +X */
-        struct lw_compose_view view = look(0, 1, 0, 1, 1, (float)side, 2);
+        struct lw_compose_view view = view_towards(0, 1, 0, 1, 1, (float)side, 2);
         render(&w, &view, rgb);
         const float *middle = rgb + 3 * (HEIGHT / 2 * WIDTH + WIDTH / 2);
         float column = side < 0 ? 2 : 3;
@@ -397,7 +397,7 @@ static void test_ramps(void **state) {
         float rgb[WIDTH * HEIGHT * 3];
         world_init(&w, squares(1, texels[i], false));
         fill_ramps(&w);
-        struct lw_compose_view view = look(0.3f, 1, 0.1f, 0, 0, 0, 40);
+        struct lw_compose_view view = view_towards(0.3f, 1, 0.1f, 0, 0, 0, 40);
         render(&w, &view, rgb);
         assert_ramps(&view, rgb, (float)texels[i]);
         world_finish(&w);
@@ -416,7 +416,8 @@ static void test_level_follows_the_footprint(void **state) {
         float footprint, value;
     } cases[] = {{0.5f, 1}, {1.9f, 1}, {2.1f, 2}, {3.9f, 2}, {4.1f, 3}, {7.9f, 3}, {8.1f, 3}, {40.0f, 3}};
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        struct lw_compose_view view = look(0, cases[i].footprint / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+        struct lw_compose_view view =
+            view_towards(0, cases[i].footprint / (pixel * texels_per_m), 0, 0, 0, 0, 40);
         render(&w, &view, rgb);
         /* the middle pixel; its footprint is larger than the axis' by the cosine, far less than the margins
          * here */
@@ -428,7 +429,7 @@ static void test_level_follows_the_footprint(void **state) {
     for (int c = 0; c < 3; c++) scene->node[0].scale[c] = 2;
     world_init(&w, scene);
     fill_by_level(&w, 0, 1);
-    struct lw_compose_view view = look(0, 3.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(0, 3.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
     render(&w, &view, rgb);
     assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 1 / LW_PI, 1e-6f);
     world_finish(&w);
@@ -458,7 +459,7 @@ static void test_charts_that_share_blocks_are_read_at_level_0(void **state) {
     fill_by_level(&w, 0, 1);
     float rgb[WIDTH * HEIGHT * 3];
     const float pixel = 2 * tanf(20.0f / 180 * LW_PI) / HEIGHT, texels_per_m = 1024 / SIDE_M;
-    struct lw_compose_view view = look(0, 8.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(0, 8.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
     for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.9f; /* noise is no reason either */
     render(&w, &view, rgb);
     assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 1 / LW_PI, 1e-6f);
@@ -477,7 +478,7 @@ static void test_level_ignores_the_scale_across_the_surface(void **state) {
         scene->node[0].scale[0] = 4, scene->node[0].scale[1] = across[i], scene->node[0].scale[2] = 1;
         world_init(&w, scene);
         fill_by_level(&w, 0, 1);
-        struct lw_compose_view view = look(0, 3.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
+        struct lw_compose_view view = view_towards(0, 3.0f / (pixel * texels_per_m), 0, 0, 0, 0, 40);
         render(&w, &view, rgb);
         assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 2 / LW_PI, 1e-6f);
         world_finish(&w);
@@ -495,7 +496,7 @@ static void test_survey(void **state) {
     struct world w;
     world_init(&w, squares(1, 2048, false)); /* tiles of 1/8 m, 1/4 m, 1/2 m */
     fill_by_level(&w, 0, 1);
-    struct lw_compose_view view = look(0.6f, 1, 0.6f, 0.6f, 0, 0.6f, 50);
+    struct lw_compose_view view = view_towards(0.6f, 1, 0.6f, 0.6f, 0, 0.6f, 50);
     view.width = 512, view.height = 384;
     float *rgb = malloc((size_t)view.width * view.height * 3 * sizeof *rgb);
     uint8_t *needed = malloc(w.map.tile_count);
@@ -528,7 +529,7 @@ static void test_missing_tile(void **state) {
     world_init(&w, squares(1, 128, false)); /* 2 x 2 tiles at level 0 */
     fill_by_level(&w, 0, 1);
     w.tile[tile_at(&w, 0, 1, 0)].version = 0; /* x > 0, z < 0 */
-    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(0, 0.5f, 0, 0, 0, 0, 40);
     struct lw_compose_report report = render(&w, &view, rgb);
     assert_int_equal(report.tiles_needed, 4);
     assert_int_equal(report.tiles_missing, 1);
@@ -562,7 +563,7 @@ static void test_noisy_tiles_are_read_coarser(void **state) {
     float rgb[WIDTH * HEIGHT * 3];
     world_init(&w, squares(1, 64, false));
     fill_by_level(&w, 0, 1); /* level k holds k + 1 */
-    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(0, 0.5f, 0, 0, 0, 0, 40);
     const float error[] = {0.05f, 0.2f, 0.9f};
     for (int k = 0; k < 3; k++) {
         w.tile[tile_at(&w, 0, 0, 0)].error = error[k];
@@ -595,7 +596,7 @@ static void test_shown_error(void **state) {
     float rgb[WIDTH * HEIGHT * 3];
     world_init(&w, squares(2, 64, false));
     fill_constant(&w, 0, 3), fill_constant(&w, 1, 3);
-    struct lw_compose_view view = look_down(); /* on object 0 */
+    struct lw_compose_view view = view_down(); /* on object 0 */
     w.source.noise_shown = 0.5f;
     for (uint32_t t = 0; t < w.map.tile_count; t++) w.tile[t].error = 0.04f;
     struct lw_compose_report report = render(&w, &view, rgb);
@@ -649,7 +650,7 @@ static void test_render_more(void **state) {
     uint32_t list[WIDTH * HEIGHT];
     world_init(&w, squares(1, 64, false));
     for (size_t i = 0; i < (size_t)64 * 64 * 3; i++) w.rgb[0][i] = 1 + (float)(i % 97);
-    struct lw_compose_view view = look(0.3f, 1.5f, 0.2f, 0, 0, 0, 90);
+    struct lw_compose_view view = view_towards(0.3f, 1.5f, 0.2f, 0, 0, 0, 90);
     struct lw_compose_report report = render(&w, &view, rgb);
     view.offset_x = 0.25f, view.offset_y = -0.375f;
     render(&w, &view, other);
@@ -671,7 +672,7 @@ static void test_nothing_there(void **state) {
     world_init(&w, squares(2, 128, false));
     fill_by_level(&w, 0, 1);
     fill_constant(&w, 1, 7);
-    struct lw_compose_view view = look_down(); /* on object 0 */
+    struct lw_compose_view view = view_down(); /* on object 0 */
     for (uint32_t t = 0; t < w.map.atlas[0]->tile_count; t++) w.tile[t].version = 0;
     struct lw_compose_report report = render(&w, &view, rgb);
     assert_picture(rgb, 0.5f * 7 / LW_PI); /* the average of the tiles that are there */
@@ -684,7 +685,7 @@ static void test_nothing_there(void **state) {
     w.tile[tile_at(&w, 0, 1, 0)].version = 1;
     w.tile[tile_at(&w, 0, 0, 1)].version = 1;
     w.tile[tile_at(&w, 0, 1, 1)].version = 1;
-    view = look(0, 2, 0, 0, 0, 0, 40);
+    view = view_towards(0, 2, 0, 0, 0, 0, 40);
     render(&w, &view, rgb);
     assert_near(rgb[3 * (HEIGHT / 2 * WIDTH + WIDTH / 2)], 0.5f * 1 / LW_PI, 1e-6f);
     world_finish(&w);
@@ -699,7 +700,7 @@ static void test_garbage_texels(void **state) {
         world_init(&w, squares(1, 64, false));
         fill_by_level(&w, 0, 1);
         fill_level(&w, 0, 0, garbage[i]);
-        struct lw_compose_view view = look_down();
+        struct lw_compose_view view = view_down();
         render(&w, &view, rgb);
         assert_picture(rgb, 0.5f * 2 / LW_PI); /* the level above */
         fill_level(&w, 0, w.map.atlas[0]->level_count - 1, garbage[i]);
@@ -715,7 +716,7 @@ static void test_backs(void **state) {
     float rgb[WIDTH * HEIGHT * 3];
     world_init(&w, squares(1, 64, false));
     fill_constant(&w, 0, 3);
-    struct lw_compose_view from_below = look(0, -1, 0, 0, 0, 0, 40);
+    struct lw_compose_view from_below = view_towards(0, -1, 0, 0, 0, 0, 40);
     render(&w, &from_below, rgb);
     assert_float_equal(rgb[0], 0.25f, 0); /* the back of a single-sided surface is not there: sky */
     world_finish(&w);
@@ -728,7 +729,7 @@ static void test_backs(void **state) {
         for (size_t i = 0; i < (size_t)l->width * l->height * 3; i++)
             w.rgb[k][i] = i / 3 / l->width < l->height / 2 ? 3.0f : 5.0f;
     }
-    struct lw_compose_view from_above = look_down();
+    struct lw_compose_view from_above = view_down();
     render(&w, &from_above, rgb);
     for (size_t i = 0; i < WIDTH * HEIGHT; i++) {
         assert_near(rgb[3 * i], 0.5f * 3 / LW_PI, 1e-6f);
@@ -753,7 +754,7 @@ static void test_blend(void **state) {
     scene->material[0].emission[0] = 0.5f;
     world_init(&w, scene);
     for (uint32_t o = 0; o < 3; o++) fill_constant(&w, o, (float)(o + 1));
-    struct lw_compose_view view = look(0, 3, 0, 0, 0, 0, 20);
+    struct lw_compose_view view = view_towards(0, 3, 0, 0, 0, 0, 20);
     render(&w, &view, rgb);
     for (int c = 0; c < 3; c++) {
         float expected = 0, passes = 1, sky[3] = {0.25f, 0.5f, 1.0f};
@@ -775,7 +776,7 @@ static void test_blend_is_bounded(void **state) {
     scene->material[0].base_colour[3] = 0.125f;
     world_init(&w, scene);
     for (uint32_t o = 0; o < scene->object_count; o++) fill_constant(&w, o, 2);
-    struct lw_compose_view view = look(0, 24, 0, 0, 0, 0, 4);
+    struct lw_compose_view view = view_towards(0, 24, 0, 0, 0, 0, 4);
     render(&w, &view, rgb);
     /* the last layer takes all that is left: as if all were opaque */
     for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) assert_near(rgb[i], 0.5f * 2 / LW_PI, 1e-5f);
@@ -788,7 +789,7 @@ static void test_report(void **state) {
     float rgb[WIDTH * HEIGHT * 3];
     world_init(&w, squares(1, 128, false));
     fill_constant(&w, 0, 1);
-    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(0, 0.5f, 0, 0, 0, 0, 40);
     w.tile[tile_at(&w, 1, 0, 0)].version = 0; /* not needed: does not count */
     struct lw_compose_report report = render(&w, &view, rgb);
     assert_true(report.complete && report.converged);
@@ -833,7 +834,7 @@ static void test_finer_levels_are_asked_for_and_read(void **state) {
     for (size_t i = 0; i < sizeof fine / sizeof *fine; i++) fine[i] = 7;
     world_init_finer(&w, squares(1, 16, false), 2);
     fill_checkered(&w);
-    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 20);
+    struct lw_compose_view view = view_towards(0, 0.5f, 0, 0, 0, 0, 20);
     struct lw_compose_report report = render(&w, &view, rgb);
     assert_int_equal(asked_for(&w, &id), 1); /* 64 x 64 texels */
     assert_int_equal(w.map.place[id.v].level, LW_ATLAS_FINER + 2);
@@ -871,7 +872,7 @@ static void test_finer_tiles_side_by_side(void **state) {
         for (uint32_t x = 0; x < 2; x++)
             w.tile[lw_atlas_map_claim(&w.map, 0, LW_ATLAS_FINER + 1, x, y).v] =
                 (struct lw_client_tile){.version = 1, .bounces = BOUNCES, .error = 0.01f, .rgb = fine[x]};
-    struct lw_compose_view view = look(0, 0.6f, 0, 0, 0, 0, 10);
+    struct lw_compose_view view = view_towards(0, 0.6f, 0, 0, 0, 0, 10);
     render(&w, &view, rgb);
     uint32_t between = 0;
     for (size_t i = 0; i < WIDTH * HEIGHT * 3; i++) {
@@ -904,7 +905,7 @@ static void test_same_bytes_at_any_thread_count(void **state) {
             w.rgb[i][j] = lw_random_unit(lw_random_hash2(i, j));
     }
     for (uint32_t t = 0; t < w.map.tile_count; t += 3) w.tile[t].version = 0;
-    struct lw_compose_view view = look(3, 5, 6, 0, 1, 0, 60);
+    struct lw_compose_view view = view_towards(3, 5, 6, 0, 1, 0, 60);
     view.width = 301, view.height = 203;
     size_t size = (size_t)view.width * view.height * 3 * sizeof(float);
     float *one = malloc(size), *more = malloc(size);
@@ -933,7 +934,7 @@ static void test_offset(void **state) {
     assert_non_null(large);
     world_init(&w, squares(1, 64, false));
     fill_ramps(&w);
-    struct lw_compose_view view = look_down();
+    struct lw_compose_view view = view_down();
     view.offset_x = -0.25f, view.offset_y = 0.25f;
     render(&w, &view, small);
     view.offset_x = view.offset_y = 0;
@@ -969,7 +970,7 @@ static void test_mirrors(void **state) {
         struct world w;
         float rgb[WIDTH * HEIGHT * 3];
         metal_squares(&w, 2, cases[i].roughness);
-        struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+        struct lw_compose_view view = view_towards(0, 0.5f, 0, 0, 0, 0, 40);
         render(&w, &view, rgb);
         for (size_t p = 0; p < WIDTH * HEIGHT * 3; p++) assert_near(rgb[p], 1 / LW_PI, 0.02f);
         view.mirrors = true;
@@ -990,7 +991,7 @@ static void test_mirrors_of_what_is_there(void **state) {
     float rgb[WIDTH * HEIGHT * 3];
     metal_squares(&w, 1, 0.1f);
     w.source.sky = lw_vec3(0.5f, 0.5f, 0.5f);
-    struct lw_compose_view view = look(0, 0.5f, 0, 0, 0, 0, 40);
+    struct lw_compose_view view = view_towards(0, 0.5f, 0, 0, 0, 0, 40);
     view.mirrors = true;
     render(&w, &view, rgb);
     for (size_t p = 0; p < WIDTH * HEIGHT * 3; p++) assert_near(rgb[p], 0.5f, 0.02f);

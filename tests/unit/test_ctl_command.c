@@ -39,7 +39,7 @@ static int begin(void **unused) {
     return 0;
 }
 
-static int finish(void **unused) {
+static int free_scene(void **unused) {
     (void)unused;
     lw_scene_destroy(scene);
     return 0;
@@ -237,13 +237,13 @@ static void commands_are_known_by_name(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_setup_teardown(objects_are_added_like_the_first_of_their_mesh, begin, finish),
+        cmocka_unit_test_setup_teardown(objects_are_added_like_the_first_of_their_mesh, begin, free_scene),
         cmocka_unit_test_setup_teardown(objects_move_about_their_middle_one_command_after_another, begin,
-                                        finish),
-        cmocka_unit_test_setup_teardown(lights_materials_sky_and_clock, begin, finish),
-        cmocka_unit_test_setup_teardown(emissive_materials_are_lights, begin, finish),
-        cmocka_unit_test_setup_teardown(what_is_wrong_is_said_in_a_line, begin, finish),
-        cmocka_unit_test_setup_teardown(commands_are_known_by_name, begin, finish),
+                                        free_scene),
+        cmocka_unit_test_setup_teardown(lights_materials_sky_and_clock, begin, free_scene),
+        cmocka_unit_test_setup_teardown(emissive_materials_are_lights, begin, free_scene),
+        cmocka_unit_test_setup_teardown(what_is_wrong_is_said_in_a_line, begin, free_scene),
+        cmocka_unit_test_setup_teardown(commands_are_known_by_name, begin, free_scene),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -7,7 +7,7 @@
 #include <string.h>
 
 /* Figures of one server, twice, a second apart; what lightwellctl prints. The caller frees it. */
-static char *show(const char *before_text, const char *now_text) {
+static char *text_of_tree(const char *before_text, const char *now_text) {
     struct lw_ctl_figures before, now;
     struct lw_ctl_tree tree;
     struct lw_error err = {0};
@@ -36,10 +36,10 @@ static char *show(const char *before_text, const char *now_text) {
 
 static void relays_stand_below_what_feeds_them(void **state) {
     (void)state;
-    char *text = show("lightwell_sent_bytes_total 1000\n",
-                      "lightwell_sent_bytes_total 251000\n"
-                      "lightwell_sessions 4\n" LINES("b", "a", "second:1", "7", "0", "125000")
-                          LINES("a", "0", "first:1", "3", "12", "0"));
+    char *text = text_of_tree("lightwell_sent_bytes_total 1000\n",
+                              "lightwell_sent_bytes_total 251000\n"
+                              "lightwell_sessions 4\n" LINES("b", "a", "second:1", "7", "0", "125000")
+                                  LINES("a", "0", "first:1", "3", "12", "0"));
     assert_string_equal(
         text, "here                                      clients 2          2.00 Mbit/s  light current\n"
               "  first:1                                 clients 2          0.00 Mbit/s  light 12 s old\n"
@@ -50,10 +50,10 @@ static void relays_stand_below_what_feeds_them(void **state) {
 /* A relay says who feeds it, and how long it has been without. */
 static void a_relay_names_the_server_above(void **state) {
     (void)state;
-    char *text = show("lightwell_sessions 1\n",
-                      "lightwell_sessions 1\n"
-                      "lightwell_upstream_connected{address=\"10.0.0.1:7780\"} 0\n"
-                      "lightwell_upstream_lost_seconds 5\n" LINES("b", "77", "below", "0", "0", "0"));
+    char *text = text_of_tree("lightwell_sessions 1\n",
+                              "lightwell_sessions 1\n"
+                              "lightwell_upstream_connected{address=\"10.0.0.1:7780\"} 0\n"
+                              "lightwell_upstream_lost_seconds 5\n" LINES("b", "77", "below", "0", "0", "0"));
     assert_string_equal(
         text, "10.0.0.1:7780\n"
               "  here                                    clients 0          0.00 Mbit/s  light 5 s old\n"
@@ -64,8 +64,8 @@ static void a_relay_names_the_server_above(void **state) {
 /* Relays may say anything: each is shown once. */
 static void circles_end(void **state) {
     (void)state;
-    char *text = show("", LINES("a", "b", "one", "0", "0", "0") LINES("b", "a", "two", "0", "0", "0")
-                              LINES("c", "c", "three", "0", "0", "0"));
+    char *text = text_of_tree("", LINES("a", "b", "one", "0", "0", "0") LINES("b", "a", "two", "0", "0", "0")
+                                      LINES("c", "c", "three", "0", "0", "0"));
     for (const char *const *name = (const char *const[]){"one ", "two ", "three ", NULL}; *name; name++) {
         const char *at = strstr(text, *name);
         assert_non_null(at);

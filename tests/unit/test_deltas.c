@@ -303,7 +303,7 @@ static void test_no_coarse_form(void **state) {
 
 /* Nobody waits for a transcoder that has too much to do; and what it is never
  * asked for again goes with it. */
-static void test_a_recoder_takes_no_more_than_it_says(void **state) {
+static void test_a_transcoder_takes_no_more_than_it_says(void **state) {
     (void)state;
     struct fixture f;
     struct lw_transcoder_result result;
@@ -334,7 +334,7 @@ int main(void) {
         cmocka_unit_test(test_what_is_made_too_late_is_dropped),
         cmocka_unit_test(test_coarse_forms),
         cmocka_unit_test(test_no_coarse_form),
-        cmocka_unit_test(test_a_recoder_takes_no_more_than_it_says),
+        cmocka_unit_test(test_a_transcoder_takes_no_more_than_it_says),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -127,7 +127,7 @@ static struct texels texels_of(void) {
     return t;
 }
 
-static void finish(struct texels *t) {
+static void texels_finish(struct texels *t) {
     lw_map_finish(&t->map);
     lw_map_finish(&t->normals);
     lw_map_finish(&t->irradiance);
@@ -177,8 +177,8 @@ static void test_godot_reads_sh(void **state) {
         assert_true(fabsf(at_m.y * LW_PI / e.y - lw_direction_linear_factor(&line, m)) < 1e-4f);
     }
     assert_true(t.map.rgba[0] == 0 && t.map.rgba[4 * AREA] == 0.5f);
-    finish(&t);
-    finish(&plain);
+    texels_finish(&t);
+    texels_finish(&plain);
 }
 
 static void test_unity_reads_dominant(void **state) {
@@ -196,8 +196,8 @@ static void test_unity_reads_dominant(void **state) {
         assert_true(fabsf(read_dominant(&t.map, i, n) - 1) < 1e-5f);
         assert_true(fabsf(read_dominant(&t.map, i, m) - lw_direction_linear_factor(&line, m)) < 1e-4f);
     }
-    finish(&t);
-    finish(&plain);
+    texels_finish(&t);
+    texels_finish(&plain);
 }
 
 int main(void) {

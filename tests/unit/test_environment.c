@@ -116,10 +116,10 @@ static void densities_are_what_is_drawn(void **state) {
     for (uint32_t i = 0; i < N; i++) {
         float p[2], pdf;
         lw_random_sobol2(i, 11, p);
-        struct lw_vec3 d = lw_environment_importance_draw(&importance, p[0], p[1], &pdf);
+        struct lw_vec3 d = lw_environment_importance_sample(&importance, p[0], p[1], &pdf);
         assert_true(pdf > 0 && fabsf(lw_vec3_length(d) - 1) < 1e-5f);
-        float told = lw_environment_importance_pdf(&importance, d);
-        steps += fabsf(told / pdf - 1) > 2e-3f;
+        float stated = lw_environment_importance_pdf(&importance, d);
+        steps += fabsf(stated / pdf - 1) > 2e-3f;
         inverse += 1 / (double)pdf;
     }
     assert_true(steps == 0);
@@ -164,7 +164,7 @@ static void mixture_is_unbiased(void **state) {
         float z = 1 - 2 * p[0], r = sqrtf(1 - z * z), angle = 2 * LW_PI * p[1];
         struct lw_vec3 d = lw_vec3(r * cosf(angle), z, r * sinf(angle));
         even += (double)lw_environment_radiance(&e, d).x * 4 * (double)LW_PI / N;
-        if (i & 1) d = lw_environment_importance_draw(&importance, p[0], p[1], &pdf);
+        if (i & 1) d = lw_environment_importance_sample(&importance, p[0], p[1], &pdf);
         pdf = 0.5f * lw_environment_importance_pdf(&importance, d) + 0.5f / (4 * LW_PI);
         mixed += (double)(lw_environment_radiance(&e, d).x / pdf) / N;
     }

@@ -65,7 +65,7 @@ static void unit_normals_keep_their_bytes(void **state) {
     }
 }
 
-static void pictures_of_normals_are_told_from_heights(void **state) {
+static void pictures_of_normals_are_distinguished_from_heights(void **state) {
     (void)state;
     const uint8_t normals[8] = {100, 128, 250, 255, 150, 128, 250, 255},
                   grey[8] = {100, 100, 100, 255, 250, 250, 250, 255},
@@ -121,7 +121,7 @@ int main(void) {
         cmocka_unit_test(every_normal_becomes_unit),
         cmocka_unit_test(normals_of_no_length_are_even),
         cmocka_unit_test(unit_normals_keep_their_bytes),
-        cmocka_unit_test(pictures_of_normals_are_told_from_heights),
+        cmocka_unit_test(pictures_of_normals_are_distinguished_from_heights),
         cmocka_unit_test(glossiness_is_taken_apart),
         cmocka_unit_test(heights_become_slopes),
     };

@@ -23,8 +23,8 @@ static struct lw_scene *build(const char *name) {
 }
 
 /* The number of pixels of a small picture that show something. */
-static double look(const struct lw_path_world *world, const struct lw_camera_view *camera,
-                   uint32_t *out_pixels) {
+static double render(const struct lw_path_world *world, const struct lw_camera_view *camera,
+                     uint32_t *out_pixels) {
     struct lw_path_film film;
     float rgb[WIDTH * HEIGHT * 3];
     double sum = 0;
@@ -62,7 +62,7 @@ static void check(const struct lw_scene *scene, const struct lw_fixed_views *vie
         }
         const struct lw_camera_view camera = lw_fixed_views_at(views, i, 0);
         uint32_t pixels;
-        const double luminance = look(&world, &camera, &pixels);
+        const double luminance = render(&world, &camera, &pixels);
         if (!(sight(&world, &camera) >= 1.49f)) fail_msg("%s: view %u: nose at a wall", scene->name, i);
         if (pixels < WIDTH * HEIGHT / 4) fail_msg("%s: view %u: black", scene->name, i);
         darkest = fmin(darkest, luminance);

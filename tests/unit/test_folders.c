@@ -44,7 +44,7 @@ static void a_folder_is_made_once(void **state) {
     lw_support_fails(lw_folders_make("/nonexistent/folder", &err), LW_CANNOT_CREATE, &err, "/nonexistent");
 }
 
-static void a_temporary_folder_that_cannot_be_made_is_told(void **state) {
+static void a_temporary_folder_that_cannot_be_made_is_reported(void **state) {
     (void)state;
     char path[PATH_MAX] = "before", small[20];
     struct lw_error err = {0};
@@ -82,7 +82,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_folder_is_made_once),
         cmocka_unit_test(temporary_folders_are_where_the_user_wants_them),
-        cmocka_unit_test(a_temporary_folder_that_cannot_be_made_is_told),
+        cmocka_unit_test(a_temporary_folder_that_cannot_be_made_is_reported),
         cmocka_unit_test(caches_are_where_the_desktop_keeps_them),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -467,8 +467,8 @@ static const char dae[] =
     "url=\"#cam\"/></node>\n"
     "</visual_scene></library_visual_scenes><scene><instance_visual_scene url=\"#vs\"/></scene></COLLADA>\n";
 
-static struct lw_vec3 place(const struct lw_pose *pose, const struct lw_scene *scene, const char *object,
-                            struct lw_vec3 p) {
+static struct lw_vec3 point_of_object(const struct lw_pose *pose, const struct lw_scene *scene,
+                                      const char *object, struct lw_vec3 p) {
     for (uint32_t i = 0; i < scene->object_count; i++)
         if (strcmp(scene->object[i].name, object) == 0) return lw_affine_point(&pose->object_to_world[i], p);
     fail_msg("no object %s", object);
@@ -493,8 +493,8 @@ static void collada_arrives_in_metres_and_upright(void **state) {
     assert_int_equal(scene->object_count, 2);
     assert_int_equal(triangles_of(scene), 4);
     /* a square of 1 m that lies flat: file (x, y, z) cm is (x, z, -y) / 100 m */
-    assert_vec3(place(&pose, scene, "mover", lw_vec3(100, 100, 0)), 1, 0, -1);
-    assert_vec3(place(&pose, scene, "still", lw_vec3(100, 100, 0)), 2, 1, -2);
+    assert_vec3(point_of_object(&pose, scene, "mover", lw_vec3(100, 100, 0)), 1, 0, -1);
+    assert_vec3(point_of_object(&pose, scene, "still", lw_vec3(100, 100, 0)), 2, 1, -2);
 
     /* the same geometry with two materials */
     const struct lw_material *glass = material_named(scene, "glass"), *paint = material_named(scene, "m");
@@ -533,7 +533,7 @@ static void collada_arrives_in_metres_and_upright(void **state) {
     assert_int_equal(scene->channel_count, 1);
     assert_float_equal(scene->duration_s, 2, 1e-6);
     lw_pose_evaluate(&pose, scene, 1.25);
-    assert_vec3(place(&pose, scene, "mover", lw_vec3(100, 100, 0)), 1, 1, -1);
+    assert_vec3(point_of_object(&pose, scene, "mover", lw_vec3(100, 100, 0)), 1, 1, -1);
     lw_pose_finish(&pose);
     lw_scene_destroy(scene);
 }
@@ -769,7 +769,7 @@ static void fbx_arrives_in_metres_and_upright(void **state) {
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     assert_string_equal(lw_foreign_case_talk(), "");
     assert_int_equal(scene->object_count, 1);
-    assert_vec3(place(&pose, scene, "quad", lw_vec3(1, 1, 0)), 4, 0, -1);
+    assert_vec3(point_of_object(&pose, scene, "quad", lw_vec3(1, 1, 0)), 4, 0, -1);
     const struct lw_material *paint = material_named(scene, "paint");
     assert_float_equal(paint->base_colour[0], 1, 0); /* the texture takes the place of the colour */
     assert_float_equal(paint->emission[0], 6, 0);
@@ -795,7 +795,7 @@ static void fbx_arrives_in_metres_and_upright(void **state) {
     assert_int_equal(scene->channel_count, 1);
     assert_float_equal(scene->duration_s, 2, 1e-5);
     lw_pose_evaluate(&pose, scene, 1);
-    assert_vec3(place(&pose, scene, "quad", lw_vec3(1, 1, 0)), 5, 0, -1);
+    assert_vec3(point_of_object(&pose, scene, "quad", lw_vec3(1, 1, 0)), 5, 0, -1);
     lw_pose_finish(&pose);
     lw_scene_destroy(scene);
 }
@@ -836,7 +836,7 @@ static void equal_key_times_are_one_key(void **state) {
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     assert_int_equal(scene->channel_count, 0);
     assert_true(scene->duration_s == 0);
-    const float height = place(&pose, scene, "mover", lw_vec3(100, 100, 0)).y;
+    const float height = point_of_object(&pose, scene, "mover", lw_vec3(100, 100, 0)).y;
     assert_true(fabsf(height) < 1e-5f || fabsf(height - 2) < 1e-5f);
     lw_pose_finish(&pose);
     lw_scene_destroy(scene);
@@ -886,7 +886,7 @@ static void fbx_units_are_centimetres(void **state) {
     struct lw_scene *scene = load_text("cm.fbx", text);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
-    assert_vec3(place(&pose, scene, "quad", lw_vec3(100, 100, 0)), 1.03f, 0, -1);
+    assert_vec3(point_of_object(&pose, scene, "quad", lw_vec3(100, 100, 0)), 1.03f, 0, -1);
     lw_pose_finish(&pose);
     lw_scene_destroy(scene);
     free(text);

@@ -36,7 +36,7 @@ static void refuse_text(const char *name, const char *text, const char *reason) 
         fail_msg("%s: \"%s\", not \"%s\"", name, err.text, reason);
 }
 
-static void assert_told(const char *what) {
+static void assert_warned(const char *what) {
     if (!strstr(lw_foreign_case_talk(), what))
         fail_msg("\"%s\" is not told; but: %s", what, lw_foreign_case_talk());
 }
@@ -142,7 +142,7 @@ static void wide_text_is_named(void **state) {
         refuse_text(names[i], starts[i % 3], "is UTF-16 text, which is not read: save it as UTF-8");
     lw_foreign_case_write_text("wide.mtl", "\xFF\xFEn");
     struct lw_scene *scene = load_text("text.obj", "mtllib wide.mtl\nusemtl t\n" QUAD FACE);
-    assert_told("the material library \"wide.mtl\" is UTF-16: save it as UTF-8");
+    assert_warned("the material library \"wide.mtl\" is UTF-16: save it as UTF-8");
     assert_colour(scene, GREY, "wide.mtl");
     lw_scene_destroy(scene);
 }
@@ -159,7 +159,7 @@ static void libraries_are_found(void **state) {
     static const struct {
         const char *lines, *used;
         float colour[3];
-        const char *told; /* NULL: nothing */
+        const char *warning; /* NULL: nothing */
     } cases[] = {
         {"mtllib m.mtl my mats/a b.mtl", "red", {RED}, NULL}, /* the first of two counts */
         {"mtllib m.mtl my mats/a b.mtl", "blue", {0.1f, 0.1f, 0.8f}, NULL},
@@ -182,8 +182,8 @@ static void libraries_are_found(void **state) {
         char text[512];
         snprintf(text, sizeof text, "%s\nusemtl %s\n" QUAD FACE, cases[i].lines, cases[i].used);
         struct lw_scene *scene = load_text("names.obj", text);
-        if (cases[i].told)
-            assert_told(cases[i].told);
+        if (cases[i].warning)
+            assert_warned(cases[i].warning);
         else
             assert_quiet(text);
         assert_colour(scene, cases[i].colour[0], cases[i].colour[1], cases[i].colour[2], text);
@@ -191,7 +191,7 @@ static void libraries_are_found(void **state) {
     }
     struct lw_scene *scene = load_text("names.obj", "mtllib m.mtl\n" QUAD "usemtl a\n" FACE "usemtl b\n" FACE
                                                     "usemtl red\n" FACE "usemtl c\n" FACE);
-    assert_told("materials that no library has are grey: \"a\" and 2 more"); /* one line for all */
+    assert_warned("materials that no library has are grey: \"a\" and 2 more"); /* one line for all */
     assert_int_equal(strchr(lw_foreign_case_talk(), '\n')[1], 0);
     lw_scene_destroy(scene);
 }
@@ -204,8 +204,8 @@ static void libraries_and_materials_are_bounded(void **state) {
     for (int i = 0; i < 1200; i++) at += sprintf(at, " gone%d.mtl", i);
     sprintf(at, " m.mtl\nusemtl red\n" QUAD FACE);
     struct lw_scene *scene = load_text("many.obj", text);
-    assert_told("more than 256 material libraries, or 1000 names of them: the rest is not read");
-    assert_told("materials that no library has are grey: \"red\"");
+    assert_warned("more than 256 material libraries, or 1000 names of them: the rest is not read");
+    assert_warned("materials that no library has are grey: \"red\"");
     lw_scene_destroy(scene);
     at = text;
     for (int i = 0; i < 65540; i++) at += sprintf(at, "usemtl %d\n", i);
@@ -241,7 +241,7 @@ static void textures_lie_beside_their_library(void **state) {
     }
     lw_foreign_case_write_text("mats/sub.mtl", "newmtl t\nmap_Kd ../../outside.tga\n");
     struct lw_scene *scene = load_text("beside.obj", "mtllib mats/sub.mtl\nusemtl t\n" QUAD FACE);
-    assert_told("texture \"../../outside.tga\": is not there");
+    assert_warned("texture \"../../outside.tga\": is not there");
     lw_scene_destroy(scene);
 }
 
@@ -250,7 +250,7 @@ static void textures_lie_beside_their_library(void **state) {
 struct map_case {
     const char *options;
     float scale[2], offset[2]; /* v down */
-    const char *told;          /* NULL: nothing */
+    const char *warning;       /* NULL: nothing */
 };
 
 static void map_options_move_textures_or_are_named(void **state) {
@@ -292,8 +292,8 @@ static void map_options_move_textures_or_are_named(void **state) {
         snprintf(text, sizeof text, "newmtl t\nmap_Kd %s my red.tga\n", cases[i].options);
         lw_foreign_case_write_text("o.mtl", text);
         struct lw_scene *scene = load_text("options.obj", "mtllib o.mtl\nusemtl t\n" QUAD FACE);
-        if (cases[i].told)
-            assert_told(cases[i].told);
+        if (cases[i].warning)
+            assert_warned(cases[i].warning);
         else
             assert_quiet(text);
         if (scene->texture_count != 1) fail_msg("%s: no texture: %s", text, lw_foreign_case_talk());
@@ -359,10 +359,10 @@ static void map_options_change_values(void **state) {
         lw_scene_destroy(scene);
     }
     scene = load_map("map_Kd p.tga\nmap_d -s 2 2 p.tga\nmap_d -imfchan r -s 2 p.tga");
-    assert_told("an opacity map lies otherwise than the colour beside it");
+    assert_warned("an opacity map lies otherwise than the colour beside it");
     lw_scene_destroy(scene);
     scene = load_map("map_Kd # none");
-    assert_told("line 3: \"map_Kd\": names no picture");
+    assert_warned("line 3: \"map_Kd\": names no picture");
     lw_scene_destroy(scene);
 }
 
@@ -371,7 +371,7 @@ static void map_options_change_values(void **state) {
 static void rare_statements_of_mtl_are_named(void **state) {
     (void)state;
     static const struct {
-        const char *line, *told;
+        const char *line, *warning;
     } cases[] = {
         {"d -halo 0.5", "line 3: \"d\": -halo is not read"},
         {"d -halo", "line 3: \"d\": -halo is not read"},
@@ -412,7 +412,7 @@ static void rare_statements_of_mtl_are_named(void **state) {
         snprintf(text, sizeof text, "newmtl t\nKd 0.8 0.1 0.1\n%s\n", cases[i].line);
         lw_foreign_case_write_text("rare.mtl", text);
         struct lw_scene *scene = load_text("rare.obj", "mtllib rare.mtl\nusemtl t\n" QUAD FACE);
-        assert_told(cases[i].told);
+        assert_warned(cases[i].warning);
         assert_int_equal(strchr(lw_foreign_case_talk(), '\n')[1], 0); /* one line */
         assert_colour(scene, RED, text);
         assert_int_equal(first_material(scene)->alpha_mode, LW_ALPHA_OPAQUE);
@@ -420,7 +420,7 @@ static void rare_statements_of_mtl_are_named(void **state) {
     }
     lw_foreign_case_write_text("rare.mtl", "Kd 1 1 1\nnewmtl t\nKd 0.5\nTr 0.75\nd 0.25\nTr 0.9\nKe 2\n");
     struct lw_scene *scene = load_text("rare.obj", "mtllib rare.mtl\nusemtl t\n" QUAD FACE);
-    assert_told("line 1: \"Kd\": stands before the first newmtl");
+    assert_warned("line 1: \"Kd\": stands before the first newmtl");
     assert_colour(scene, 0.5f, 0.5f, 0.5f, "one number");               /* is all three */
     assert_float_equal(first_material(scene)->base_colour[3], 0.25, 0); /* d goes before Tr */
     assert_float_equal(first_material(scene)->emission[2], 2, 0);
@@ -430,7 +430,7 @@ static void rare_statements_of_mtl_are_named(void **state) {
 static void rare_statements_of_obj_are_named(void **state) {
     (void)state;
     static const struct {
-        const char *line, *told;
+        const char *line, *warning;
     } cases[] = {
         {"p 1", "line 11: \"p\": points are ignored"},
         {"p 99", "line 11: \"p\": points are ignored"},
@@ -458,7 +458,7 @@ static void rare_statements_of_obj_are_named(void **state) {
         char text[512];
         snprintf(text, sizeof text, "mtllib m.mtl\nusemtl red\n" QUAD "%s\n" FACE, cases[i].line);
         struct lw_scene *scene = load_text("rare.obj", text);
-        assert_told(cases[i].told);
+        assert_warned(cases[i].warning);
         assert_colour(scene, RED, text);
         assert_int_equal(scene->mesh[0].triangle_count, 2);
         lw_scene_destroy(scene);
@@ -467,9 +467,9 @@ static void rare_statements_of_obj_are_named(void **state) {
     char text[2048] = QUAD FACE;
     for (int i = 0; i < 30; i++) sprintf(text + strlen(text), "frob%d\n", i);
     struct lw_scene *scene = load_text("rare.obj", text);
-    assert_told("\"frob9\"");
+    assert_warned("\"frob9\"");
     assert_null(strstr(lw_foreign_case_talk(), "\"frob10\""));
-    assert_told("20 more lines of other kinds are not read");
+    assert_warned("20 more lines of other kinds are not read");
     lw_scene_destroy(scene);
 }
 
@@ -504,7 +504,7 @@ static void vertices_have_weights_colours_and_short_coordinates(void **state) {
     lw_scene_destroy(scene);
     /* some with a colour, some without, which are white */
     scene = load_text("c.obj", "v 0 0 2\nv 2 0 2 1 0 0\nv 2 0 0 1 0 0\nv 0 0 0 1\nf 1 2 3 4\n");
-    assert_told("vertices without a colour beside some that have one are white");
+    assert_warned("vertices without a colour beside some that have one are white");
     const struct lw_mesh *mesh = &scene->mesh[0];
     assert_non_null(mesh->colour);
     for (uint32_t i = 0; i < mesh->vertex_count; i++)
@@ -531,7 +531,7 @@ static void vertices_have_weights_colours_and_short_coordinates(void **state) {
 static void ply_colours_have_many_names(void **state) {
     (void)state;
     static const struct {
-        const char *text, *told;
+        const char *text, *warning;
         bool coloured;
     } cases[] = {
         {"ply\nformat ascii 1.0\n" PLY_XYZ PLY_FACES ROWS(""), NULL, false},
@@ -571,8 +571,8 @@ static void ply_colours_have_many_names(void **state) {
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct lw_scene *scene = load_text("c.ply", cases[i].text);
-        if (cases[i].told)
-            assert_told(cases[i].told);
+        if (cases[i].warning)
+            assert_warned(cases[i].warning);
         else
             assert_quiet(cases[i].text);
         const struct lw_mesh *mesh = &scene->mesh[0];
@@ -652,7 +652,7 @@ static void ply_is_read_however_it_is_written(void **state) {
         "\x07\x02\x07\x07\x07\x01\x07\x05\x01\x01\x09\x01\x01\x05\x09\x01\x03\x00\x01\x02";
     lw_foreign_case_write_bytes("camera.ply", foreign, sizeof foreign - 1);
     struct lw_scene *scene = load("camera.ply");
-    assert_told("line 3: \"camera\": is not read");
+    assert_warned("line 3: \"camera\": is not read");
     assert_float_equal(scene->mesh[0].position[1].x, 9, 0);
     lw_scene_destroy(scene);
     write_picture("wood 1.tga", 200, 10, 10);
@@ -692,7 +692,7 @@ static void ply_is_read_however_it_is_written(void **state) {
                 "element tristrips 1\nproperty list int int vertex_indices\n"
                 "end_header\n0 0 2\n2 0 2\n2 0 0\n0 0 0\n4 0 1 3 2\n",
                 "no triangles");
-    assert_told("line 7: \"tristrips\": strips are not read");
+    assert_warned("line 7: \"tristrips\": strips are not read");
     refuse_text("h.ply", "ply\nformat ascii 1.0\nfrob\nend_header\n",
                 "line 3 of its header, \"frob\", is not known");
     refuse_text("h.ply", "ply\nelement vertex\nend_header\n", "line 2 of its header is no element");
@@ -766,7 +766,7 @@ static void stl_colours_are_those_of_a_screen(void **state) {
     assert_colour(scene, 1, 0.2158605f, 0.2158605f, "COLOR=");
     lw_scene_destroy(scene);
     scene = load_binary_stl("COLOR=\xFF\x80\x80\xFF", 0, 31);
-    assert_told("facet 1 has a colour of its own: it is not read");
+    assert_warned("facet 1 has a colour of its own: it is not read");
     assert_colour(scene, 1, 0.2158605f, 0.2158605f, "COLOR=");
     lw_scene_destroy(scene);
 }
@@ -829,7 +829,7 @@ static void collada_spots_are_soft_by_an_exponent_alone(void **state) {
     }
     struct lw_scene *scene = load_dae(SQUARE, "<point><color>4 4 4</color><linear_attenuation>0.5"
                                               "</linear_attenuation></point>");
-    assert_told("constant and linear attenuation of lights are ignored");
+    assert_warned("constant and linear attenuation of lights are ignored");
     lw_scene_destroy(scene);
 }
 
@@ -851,7 +851,7 @@ static void collada_cameras_are_as_high_as_they_say(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct lw_scene *scene = load_dae(cases[i].camera, SPOT(""));
         if (cases[i].fov_y == 0) {
-            assert_told("orthographic cameras are ignored");
+            assert_warned("orthographic cameras are ignored");
             assert_int_equal(scene->camera_count, 0);
         } else if (fabsf(scene->camera[0].fov_y - cases[i].fov_y) > 1e-5f) {
             fail_msg("%s: %g", cases[i].camera, (double)scene->camera[0].fov_y);

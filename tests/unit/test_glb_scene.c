@@ -64,7 +64,7 @@ static void write_scene(struct written *w, struct lw_scene *scene, bool with_lig
     assert_non_null(w->json);
 }
 
-static void finish(struct written *w) {
+static void free_written(struct written *w) {
     json_decref(w->json);
     free(w->bytes);
     lw_scene_destroy(w->read);
@@ -153,7 +153,7 @@ static void the_same_scene_comes_back(void **state) {
             for (int c = 0; c < 3; c++) assert_true(fabsf(a->intensity[c] / b->intensity[c] - 1) < 1e-6f);
             assert_true(a->kind != LW_LIGHT_SPOT || a->outer_cone == b->outer_cone);
         }
-    finish(&w);
+    free_written(&w);
 }
 
 /* ---- materials ---- */
@@ -220,7 +220,7 @@ static void each_object_has_its_own_map(void **state) {
     assert_null(json_object_get(json_object_get(w.json, "extensions"), "KHR_lights_punctual"));
     assert_int_equal(w.read->light_count, 0);
     assert_true(json_is_true(down(w.json, "asset/extras/lightwell/lamps_left_out")));
-    finish(&w);
+    free_written(&w);
 }
 
 static void lightmap_coordinates_are_texels_over_size(void **state) {
@@ -258,7 +258,7 @@ static void lightmap_coordinates_are_texels_over_size(void **state) {
     /* a mesh without texture coordinates of its own */
     primitive = down(at(w.json, "meshes", 2), "primitives/0/attributes");
     assert_true(number(primitive, "TEXCOORD_0") == number(primitive, "TEXCOORD_1"));
-    finish(&w);
+    free_written(&w);
 }
 
 static void emission_and_alpha_stay(void **state) {
@@ -273,7 +273,7 @@ static void emission_and_alpha_stay(void **state) {
     assert_string_equal(json_string_value(down(leaf, "alphaMode")), "MASK");
     assert_true(number(leaf, "alphaCutoff") == 0.25);
     assert_true(json_is_true(down(leaf, "doubleSided")));
-    finish(&w);
+    free_written(&w);
 }
 
 /* Gloss and relief go out as glTF has them; matt materials are written as they always were. */
@@ -314,7 +314,7 @@ static void finishes_stay(void **state) {
         }
     }
     assert_int_equal(found, 2); /* both objects */
-    finish(&w);
+    free_written(&w);
 }
 
 /* An unlit object has no lightmap; an orthographic camera stays one. */
@@ -336,7 +336,7 @@ static void unlit_materials_and_orthographic_cameras_stay(void **state) {
     assert_int_equal(w.read->camera_count, 2);
     for (uint32_t c = 0; c < 2; c++)
         assert_float_equal(w.read->camera[c].height_m, strcmp(w.read->camera[c].name, "main") ? 2.5f : 0, 0);
-    finish(&w);
+    free_written(&w);
 }
 
 static void textures_keep_pixels_and_wraps(void **state) {
@@ -352,7 +352,7 @@ static void textures_keep_pixels_and_wraps(void **state) {
     assert_memory_equal(read->rgba, ramp->rgba, 3 * 4);
     assert_int_equal(read->wrap_s, LW_WRAP_CLAMP);
     assert_int_equal(read->wrap_t, LW_WRAP_MIRROR);
-    finish(&w);
+    free_written(&w);
 }
 
 static void a_texture_without_coordinates_becomes_a_factor(void **state) {
@@ -365,7 +365,7 @@ static void a_texture_without_coordinates_becomes_a_factor(void **state) {
     assert_null(json_object_get(pbr, "baseColorTexture"));
     assert_true(fabs(number(pbr, "baseColorFactor/2") - 0.75 * pow((188 / 255.0 + 0.055) / 1.055, 2.4)) <
                 1e-4);
-    finish(&w);
+    free_written(&w);
 }
 
 /* ---- split sides ---- */
@@ -413,7 +413,7 @@ static void sides_are_split(void **state) {
                    *b = (const uint16_t *)(const void *)floats_of(
                        &w, at(w.json, "accessors", (size_t)number(back, "indices")));
     for (int k = 0; k < 3; k++) assert_int_equal(a[k], b[2 - k]);
-    finish(&w);
+    free_written(&w);
 }
 
 /* Two objects of a mesh: of the first one a vertex's chart shows the back. */
@@ -437,7 +437,7 @@ static void an_object_may_show_its_backs(void **state) {
     }
     json_t *lightwell = down(at(w.json, "materials", 0), "extras/lightwell");
     assert_string_equal(json_string_value(down(lightwell, "side")), "back");
-    finish(&w);
+    free_written(&w);
 }
 
 /* ---- what cannot be written ---- */

@@ -436,7 +436,7 @@ static void broken_containers_are_refused(void **state) {
 }
 
 /* Validators warn of both, and programs write them. */
-static void bytes_around_a_document_are_told(void **state) {
+static void bytes_around_a_document_are_reported(void **state) {
     (void)state;
     size_t size;
     uint8_t *glb = lw_glb_pack(gltf_case_base_json, &gltf_case_base_data, sizeof gltf_case_base_data, &size);
@@ -487,7 +487,7 @@ int main(void) {
         cmocka_unit_test(shared_children_are_refused),
         cmocka_unit_test(deep_json_is_refused),
         cmocka_unit_test(broken_containers_are_refused),
-        cmocka_unit_test(bytes_around_a_document_are_told),
+        cmocka_unit_test(bytes_around_a_document_are_reported),
         cmocka_unit_test(harmless_extensions_may_be_required),
         cmocka_unit_test(many_unknown_extensions_take_eleven_lines),
         cmocka_unit_test(integers_may_have_a_point),

@@ -117,7 +117,7 @@ static struct lw_scene *scene_of_material(const char *material) {
     return scene_of(&data, UV, material);
 }
 
-static void assert_told_once(const char *what) {
+static void assert_warned_once(const char *what) {
     const char *end = strchr(talk, '\n');
     if (!strstr(talk, what) || !end || end[1]) fail_msg("\"%s\" is not the one line of: %s", what, talk);
 }
@@ -149,7 +149,7 @@ static void matt_materials_have_no_finish(void **state) {
         struct lw_scene *scene = scene_of_material(cases[i].material);
         if (scene->material[0].finish || scene->finish_texture_count) fail_msg("%s", cases[i].material);
         if (cases[i].silent)
-            assert_told_once("materials that say nothing of metal or roughness are matt");
+            assert_warned_once("materials that say nothing of metal or roughness are matt");
         else if (*talk)
             fail_msg("%s: %s", cases[i].material, talk);
         lw_scene_destroy(scene);
@@ -270,7 +270,7 @@ static void specular_textures_become_one(void **state) {
     scene = scene_of_material(
         SPECULAR("'specularTexture':{'index':0},'specularColorTexture':{'index':1,'extensions':{"
                  "'KHR_texture_transform':{'scale':[2,2]}}}"));
-    assert_told_once("a specular texture lies otherwise than the specular colour");
+    assert_warned_once("a specular texture lies otherwise than the specular colour");
     assert_float_equal(scene->material[0].finish->specular_texture.transform[0], 2, 0);
     lw_scene_destroy(scene);
 }
@@ -307,7 +307,7 @@ static void tangents_of_the_file_count(void **state) {
     data.tangent[0][0] = NAN;
     data.tangent[1][3] = 0;
     scene = scene_of(&data, UV ",'TANGENT':3", normal_map);
-    assert_told_once("2 vertices have a TANGENT that is none: computed ones stand in");
+    assert_warned_once("2 vertices have a TANGENT that is none: computed ones stand in");
     assert_float_equal(lw_tangent_decode(scene->mesh[0].tangent[0], lw_vec3(0, 0, 1)).x, 1, 1e-3);
     lw_scene_destroy(scene);
     /* without a normal map nobody reads them */
@@ -318,7 +318,7 @@ static void tangents_of_the_file_count(void **state) {
     /* without coordinates there are none */
     scene = scene_of(&data, "", normal_map);
     assert_null(scene->mesh[0].tangent);
-    assert_told_once("no texture coordinates");
+    assert_warned_once("no texture coordinates");
     lw_scene_destroy(scene);
     struct lw_error err = {0};
     lw_support_fails(load(&data, UV ",'TANGENT':2", normal_map, &scene, &err), LW_BAD_DATA, &err,
@@ -326,11 +326,11 @@ static void tangents_of_the_file_count(void **state) {
 }
 
 /* One clear line each, and something sensible. */
-static void bad_values_are_told_and_mended(void **state) {
+static void bad_values_are_reported_and_mended(void **state) {
     (void)state;
 #define PBR(fields) "'pbrMetallicRoughness':{" fields "}"
     static const struct {
-        const char *material, *told;
+        const char *material, *warning;
         float metalness, roughness, ior;
     } cases[] = {
         {PBR("'metallicFactor':-1,'roughnessFactor':0.5"), "\"paint: metallicFactor -1\"", 0, 0.5f, 1.5f},
@@ -355,7 +355,7 @@ static void bad_values_are_told_and_mended(void **state) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct lw_scene *scene = scene_of_material(cases[i].material);
         const struct lw_finish *f = scene->material[0].finish;
-        assert_told_once(cases[i].told);
+        assert_warned_once(cases[i].warning);
         if (!f || f->metalness != cases[i].metalness || f->roughness != cases[i].roughness ||
             f->ior != cases[i].ior)
             fail_msg("%s", cases[i].material);
@@ -431,12 +431,12 @@ static void pictures_are_bounded(void **state) {
     options.picture_texels = 3;
     struct lw_scene *scene =
         scene_of_material(PBR("'metallicRoughnessTexture':{'index':0}") ",'normalTexture':{'index':2}");
-    assert_told_once("--picture-texels allows more");
+    assert_warned_once("--picture-texels allows more");
     assert_int_equal(scene->finish_texture_count, 1);
     lw_scene_destroy(scene);
     scene = scene_of_material("'extensions':{'KHR_materials_pbrSpecularGlossiness':{"
                               "'specularGlossinessTexture':{'index':0}}}");
-    assert_told_once("gloss is left out where its picture is one too many");
+    assert_warned_once("gloss is left out where its picture is one too many");
     assert_null(scene->material[0].finish);
     lw_scene_destroy(scene);
     options.picture_texels = 0;
@@ -452,7 +452,7 @@ int main(void) {
         cmocka_unit_test(specular_textures_become_one),
         cmocka_unit_test(normal_maps_keep_their_place_and_scale),
         cmocka_unit_test(tangents_of_the_file_count),
-        cmocka_unit_test(bad_values_are_told_and_mended),
+        cmocka_unit_test(bad_values_are_reported_and_mended),
         cmocka_unit_test(no_finish_makes_energy),
         cmocka_unit_test(matt_drops_all),
         cmocka_unit_test(pictures_are_bounded),

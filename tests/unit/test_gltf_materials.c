@@ -152,7 +152,7 @@ static void emission_is_strength_times_texture(void **state) {
     lw_scene_destroy(scene);
 }
 
-static void albedo_above_one_is_lowered_and_told_once(void **state) {
+static void albedo_above_one_is_lowered_and_reported_once(void **state) {
     (void)state;
     char talk[4096];
     const struct gltf_case_change bright[] = {{"[0.5,0.25,0.125,1]", "[1.5,0.25,7,1]"}};
@@ -331,7 +331,7 @@ int main(void) {
         cmocka_unit_test(unreadable_pictures_have_a_stand_in),
         cmocka_unit_test(pictures_of_extensions_are_read),
         cmocka_unit_test(emission_is_strength_times_texture),
-        cmocka_unit_test(albedo_above_one_is_lowered_and_told_once),
+        cmocka_unit_test(albedo_above_one_is_lowered_and_reported_once),
         cmocka_unit_test(specular_glossiness_gives_its_diffuse_colour),
         cmocka_unit_test(transmission_lets_light_through),
         cmocka_unit_test(unlit_materials_are_their_base_colour),

@@ -408,7 +408,7 @@ static void unwritable_places_are_named(void **state) {
     }
 }
 
-static void a_full_disk_is_told_and_leaves_nothing(void **state) {
+static void a_full_disk_is_reported_and_leaves_nothing(void **state) {
     (void)state;
     struct lw_error err;
     for (int exr = 0; exr < 2; exr++) {
@@ -473,7 +473,7 @@ int main(void) {
         T(exr_survives_every_truncation_and_many_flips),
         T(png_keeps_every_byte_and_says_srgb),
         T(unwritable_places_are_named),
-        T(a_full_disk_is_told_and_leaves_nothing),
+        T(a_full_disk_is_reported_and_leaves_nothing),
         T(a_link_stays_a_link),
 #undef T
     };

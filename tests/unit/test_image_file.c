@@ -242,7 +242,7 @@ static void paint(uint8_t rgba[HIGH][WIDE][4]) {
         }
 }
 
-static void take(struct bytes *out, const uint8_t *data, size_t size) {
+static void copy_bytes(struct bytes *out, const uint8_t *data, size_t size) {
     assert_in_range(size, 1, sizeof out->data);
     memcpy(out->data, data, size);
     out->size = size;
@@ -252,7 +252,7 @@ static void write_webp(struct bytes *out) {
     uint8_t rgba[HIGH][WIDE][4], *encoded = NULL;
     paint(rgba);
     size_t size = WebPEncodeLosslessRGBA(rgba[0][0], WIDE, HIGH, WIDE * 4, &encoded);
-    take(out, encoded, size);
+    copy_bytes(out, encoded, size);
     WebPFree(encoded);
 }
 
@@ -272,7 +272,7 @@ static void write_avif(struct bytes *out) {
     encoder->minQuantizerAlpha = encoder->maxQuantizerAlpha = 0;
     assert_int_equal(avifImageRGBToYUV(image, &rgb), AVIF_RESULT_OK);
     assert_int_equal(avifEncoderWrite(encoder, image, &encoded), AVIF_RESULT_OK);
-    take(out, encoded.data, encoded.size);
+    copy_bytes(out, encoded.data, encoded.size);
     avifRWDataFree(&encoded);
     avifEncoderDestroy(encoder);
     avifImageDestroy(image);

@@ -76,7 +76,7 @@ static struct child start(const struct lw_interrupt_phase *first, const struct l
 }
 
 /* How it ended: its exit code, or minus the signal. */
-static int finish(struct child *child) {
+static int await_exit(struct child *child) {
     int status;
     for (size_t before = 1; before != child->size;) { /* to the end of the pipe */
         before = child->size;
@@ -100,7 +100,7 @@ static void a_busy_program_answers_and_the_second_signal_ends_it(void **state) {
     assert_int_equal(waitpid(child.pid, NULL, WNOHANG), 0);
     *seconds += 1;
     kill(child.pid, SIGTERM);
-    assert_int_equal(finish(&child), -SIGTERM);
+    assert_int_equal(await_exit(&child), -SIGTERM);
     assert_string_equal(child.text, "tester: stopping: a moment\n");
 }
 
@@ -112,7 +112,7 @@ static void a_program_with_nothing_to_finish_ends_at_once(void **state) {
     for (int i = 0; i < 2; i++) {
         struct child child = start(&busy, &idle);
         kill(child.pid, signals[i]);
-        assert_int_equal(finish(&child), LW_INTERRUPT_EXIT_CODE);
+        assert_int_equal(await_exit(&child), LW_INTERRUPT_EXIT_CODE);
         assert_string_equal(child.text, "tester: stopped; nothing is written\n");
     }
 }

@@ -105,7 +105,7 @@ static double e_by_rays(const struct stage *s, struct lw_vec3 point, struct lw_v
         lw_random_sobol2(i, 1, place);
         lw_random_sobol2(i, 2, way);
         const float pick = ((float)i + 0.5f) / (float)RAYS;
-        assert_true(lw_lamp_rays_draw(&s->lamps, pick, place, way, &ray));
+        assert_true(lw_lamp_rays_sample(&s->lamps, pick, place, way, &ray));
         assert_float_equal(lw_vec3_length(ray.direction), 1, 1e-5f);
         const float along = -lw_vec3_dot(ray.direction, normal);
         const float t = lw_vec3_dot(lw_vec3_sub(ray.origin, point), normal) / along;
@@ -180,7 +180,7 @@ static void test_none_shines(void **state) {
     struct stage s;
     struct lw_lamp_ray ray;
     begin(&s, 0, false, NULL, 0);
-    assert_false(lw_lamp_rays_draw(&s.lamps, 0.5f, (float[2]){0.5f, 0.5f}, (float[2]){0.5f, 0.5f}, &ray));
+    assert_false(lw_lamp_rays_sample(&s.lamps, 0.5f, (float[2]){0.5f, 0.5f}, (float[2]){0.5f, 0.5f}, &ray));
     end(&s);
 }
 
@@ -190,7 +190,7 @@ static void test_sight(void **state) {
     struct stage s;
     struct lw_lamp_ray ray;
     begin(&s, 4, false, NULL, 0);
-    assert_true(lw_lamp_rays_draw(&s.lamps, 0.5f, (float[2]){0.3f, 0.6f}, (float[2]){0.2f, 0.1f}, &ray));
+    assert_true(lw_lamp_rays_sample(&s.lamps, 0.5f, (float[2]){0.3f, 0.6f}, (float[2]){0.2f, 0.1f}, &ray));
     const struct lw_vec3 below = lw_vec3_add(ray.origin, lw_vec3(0, -1, 0)),
                          aside = lw_vec3_add(ray.origin, lw_vec3(1, -1, 0)),
                          behind = lw_vec3_add(ray.origin, lw_vec3(0, 0.5f, 0));

@@ -1,5 +1,5 @@
-/* The light tree: probabilities sum up to 1, agree with the draws, and are above 0 for all that gives light;
- * groups of a region hold each light once. */
+/* The light tree: probabilities sum up to 1, agree with the samples, and are above 0 for all that gives
+ * light; groups of a region hold each light once. */
 #include "common/base/random.h"
 #include "common/light/light_tree.h"
 
@@ -168,26 +168,27 @@ static void groups_are_as_small_as_may_be(void **state) {
     lw_light_tree_finish(&tree);
 }
 
-/* Draws of `most` groups by picks that are even in [0, 1): none is drawn twice by one pick, and each as often
- * as its probability says. */
-static void expect_draws(const struct lw_light_group *group, uint32_t count, uint32_t most) {
+/* Samples of `most` groups by picks that are even in [0, 1): none is sampled twice by one pick, and each as
+ * often as its probability says. */
+static void expect_samples(const struct lw_light_group *group, uint32_t count, uint32_t most) {
     enum { PICKS = 4096 };
-    struct lw_light_draw draw[LW_LIGHT_TREE_GROUPS_MAX];
+    struct lw_light_group_sample sampled[LW_LIGHT_TREE_GROUPS_MAX];
     double counted[LW_LIGHT_TREE_GROUPS_MAX] = {0}, below[LW_LIGHT_TREE_GROUPS_MAX] = {0};
     for (uint32_t i = 0; i < PICKS; i++) {
         bool seen[LW_LIGHT_TREE_GROUPS_MAX] = {false};
-        const uint32_t drawn = lw_light_tree_draw(group, count, most, ((float)i + 0.5f) / PICKS, draw);
-        assert_int_equal(drawn, most < count ? most : count);
-        for (uint32_t d = 0; d < drawn; d++) {
+        const uint32_t sample_count =
+            lw_light_tree_sample(group, count, most, ((float)i + 0.5f) / PICKS, sampled);
+        assert_int_equal(sample_count, most < count ? most : count);
+        for (uint32_t d = 0; d < sample_count; d++) {
             uint32_t g = 0;
-            while (group[g].node != draw[d].node) g++;
+            while (group[g].node != sampled[d].node) g++;
             assert_false(seen[g]);
-            assert_int_equal(draw[d].number, d);
-            assert_true(draw[d].probability > 0 && draw[d].probability <= 1);
-            assert_true(draw[d].pick >= 0 && draw[d].pick < 1);
+            assert_int_equal(sampled[d].number, d);
+            assert_true(sampled[d].probability > 0 && sampled[d].probability <= 1);
+            assert_true(sampled[d].pick >= 0 && sampled[d].pick < 1);
             seen[g] = true;
-            counted[g] += 1 / (double)draw[d].probability / PICKS;
-            below[g] += draw[d].pick < 0.25f ? 1 / (double)draw[d].probability / PICKS : 0;
+            counted[g] += 1 / (double)sampled[d].probability / PICKS;
+            below[g] += sampled[d].pick < 0.25f ? 1 / (double)sampled[d].probability / PICKS : 0;
         }
     }
     for (uint32_t g = 0; g < count; g++) {
@@ -203,14 +204,14 @@ static void draws_count_every_group_once(void **state) {
     enum { COUNT = sizeof promise / sizeof *promise };
     struct lw_light_group group[COUNT];
     for (uint32_t i = 0; i < COUNT; i++) group[i] = (struct lw_light_group){100 + i, promise[i]};
-    for (uint32_t most = 2; most <= COUNT + 1; most++) expect_draws(group, COUNT, most);
-    struct lw_light_draw draw[4];
-    assert_int_equal(lw_light_tree_draw(group, 0, 4, 0.5f, draw), 0);
+    for (uint32_t most = 2; most <= COUNT + 1; most++) expect_samples(group, COUNT, most);
+    struct lw_light_group_sample sampled[4];
+    assert_int_equal(lw_light_tree_sample(group, 0, 4, 0.5f, sampled), 0);
     /* what promises nearly all leaves nearly nothing to the others, but not nothing */
     const struct lw_light_group uneven[] = {{7, 1e-20f}, {8, 1e20f}, {9, 1e-20f}};
-    assert_int_equal(lw_light_tree_draw(uneven, 3, 2, 0, draw), 2);
-    assert_true(draw[0].node == 7 && draw[0].probability == 0.5f && draw[1].node == 8 &&
-                draw[1].probability == 1);
+    assert_int_equal(lw_light_tree_sample(uneven, 3, 2, 0, sampled), 2);
+    assert_true(sampled[0].node == 7 && sampled[0].probability == 0.5f && sampled[1].node == 8 &&
+                sampled[1].probability == 1);
 }
 
 static uint32_t depth_of(const struct lw_light_tree *tree, uint32_t node) {

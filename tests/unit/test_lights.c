@@ -169,7 +169,7 @@ static double irradiance(const struct stage *s) {
     return e;
 }
 
-static struct lw_light_sample draw(const struct stage *s, uint32_t i) {
+static struct lw_light_sample sample_of(const struct stage *s, uint32_t i) {
     float a[2], b[2];
     lw_random_sobol2(i, 7, a);
     lw_random_sobol2(i, 99, b);
@@ -210,18 +210,18 @@ static void expect_everything(unsigned lamps, double tolerance) {
     enum { N = 1 << 18 };
     double sum = 0, squares = 0, chance = 0;
     for (uint32_t i = 0; i < N; i++) {
-        struct lw_light_sample sample = draw(&s, i);
+        struct lw_light_sample sample = sample_of(&s, i);
         double e = (double)(sample.irradiance_normal.x * fmaxf(0, lw_vec3_dot(sample.direction, up)));
         assert_true(isfinite(e) && e >= 0);
         sum += e;
         squares += e * e;
-        /* the density of the draw is the one that the other technique gets */
+        /* the density of the sample is the one that the other technique gets */
         if (sample.pdf > 0) {
             chance += 1;
-            double told =
+            double stated =
                 density(&s, sample.direction, 0.999f * sample.distance_m, 1.001f * sample.distance_m);
-            if (i % 64 == 0 && fabs(told / (double)sample.pdf - 1) > 0.01)
-                fail_msg("drawn with density %g, told %g", (double)sample.pdf, told);
+            if (i % 64 == 0 && fabs(stated / (double)sample.pdf - 1) > 0.01)
+                fail_msg("sampled with density %g, stated %g", (double)sample.pdf, stated);
         }
     }
     double mean = sum / N, sigma = sqrt((squares / N - mean * mean) / N), want = irradiance(&s);
@@ -264,7 +264,7 @@ static void test_no_light(void **state) {
     add_light(&s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}}, origin);
     ready(&s);
     for (uint32_t i = 0; i < 64; i++) {
-        struct lw_light_sample sample = draw(&s, i);
+        struct lw_light_sample sample = sample_of(&s, i);
         assert_true(sample.irradiance_normal.x == 0 && sample.pdf == 0);
         assert_true(lw_vec3_is_finite(sample.direction));
     }
@@ -411,14 +411,14 @@ static uint32_t compare_far(const struct stage *s, const struct lw_points16 *poi
             lit += expect_same(&wide, points, i, &one);
         }
     }
-    struct lw_sky_draw draw[16];
+    struct lw_sky_sample sky[16];
     for (uint32_t i = 0; i < 16; i++)
-        draw[i] = lw_lights_draw_sky(&s->lights, fmodf(point[0] + (float)i / 16, 1), point[1]);
-    lw_lights_place_sky16(&s->lights, draw, points, &wide);
+        sky[i] = lw_lights_sample_sky(&s->lights, fmodf(point[0] + (float)i / 16, 1), point[1]);
+    lw_lights_place_sky16(&s->lights, sky, points, &wide);
     for (uint32_t i = 0; i < 16; i++) {
         float cosine;
         const struct lw_light_sample one =
-            lw_lights_place_sky(&s->lights, &draw[i], normal_of(points, i), &cosine);
+            lw_lights_place_sky(&s->lights, &sky[i], normal_of(points, i), &cosine);
         lit += expect_same(&wide, points, i, &one);
     }
     return lit;

@@ -76,7 +76,7 @@ static lw_tile_id put(uint32_t x, uint32_t y) {
 
 static void withdraw(lw_tile_id id) { w.tile[id.v] = (struct lw_client_tile){0}; }
 
-static size_t take(uint64_t now_ns) { return lw_live_slots_take(&w.slots, now_ns, 0, w.reported, ALL); }
+static size_t take_slots(uint64_t now_ns) { return lw_live_slots_take(&w.slots, now_ns, 0, w.reported, ALL); }
 
 static void is_reported(size_t at, uint32_t slot, uint32_t x, uint32_t y, bool has_texels, float share) {
     const struct lw_live_slot *s = &w.reported[at];
@@ -94,51 +94,51 @@ static void is_reported(size_t at, uint32_t slot, uint32_t x, uint32_t y, bool h
 
 static void test_tiles_fade_in_and_out(void **state) {
     (void)state;
-    assert_int_equal(take(1000 * MS), 0);
+    assert_int_equal(take_slots(1000 * MS), 0);
     const lw_tile_id id = put(3, 1);
-    assert_int_equal(take(1100 * MS), 1);
+    assert_int_equal(take_slots(1100 * MS), 1);
     is_reported(0, 0, 3, 1, true, 0);
     assert_int_equal(w.reported[0].rect.width, 65);
     assert_int_equal(w.reported[0].rect.height, 65);
     assert_int_equal(w.slots.used, 1);
     assert_int_equal(w.slots.waiting, 1);
-    assert_int_equal(take(1150 * MS), 1);
+    assert_int_equal(take_slots(1150 * MS), 1);
     is_reported(0, 0, 3, 1, false, 0.2f);
-    assert_int_equal(take(2000 * MS), 1);
+    assert_int_equal(take_slots(2000 * MS), 1);
     is_reported(0, 0, 3, 1, false, 1);
     assert_int_equal(w.slots.waiting, 0);
-    assert_int_equal(take(2100 * MS), 0); /* all is reported */
+    assert_int_equal(take_slots(2100 * MS), 0); /* all is reported */
     withdraw(id);
-    assert_int_equal(take(2200 * MS), 0); /* it turns: nobody has drawn since */
-    assert_int_equal(take(2300 * MS), 1);
+    assert_int_equal(take_slots(2200 * MS), 0); /* it turns: nobody has drawn since */
+    assert_int_equal(take_slots(2300 * MS), 1);
     is_reported(0, 0, 3, 1, false, 0.6f);
     put(3, 1); /* it is there again: the same slot, and all of it */
-    assert_int_equal(take(2350 * MS), 1);
+    assert_int_equal(take_slots(2350 * MS), 1);
     is_reported(0, 0, 3, 1, true, 0.6f);
-    assert_int_equal(take(2400 * MS), 1);
+    assert_int_equal(take_slots(2400 * MS), 1);
     is_reported(0, 0, 3, 1, false, 0.8f);
     withdraw(id);
     lw_atlas_map_release(&w.map, id); /* the id goes to another tile */
-    (void)take(2410 * MS);
-    assert_int_equal(take(2510 * MS), 1);
+    (void)take_slots(2410 * MS);
+    assert_int_equal(take_slots(2510 * MS), 1);
     is_reported(0, 0, 3, 1, false, 0.4f);
-    assert_int_equal(take(2700 * MS), 1);
+    assert_int_equal(take_slots(2700 * MS), 1);
     is_reported(0, 0, 3, 1, false, 0);
     assert_int_equal(w.slots.used, 0);
     assert_int_equal(w.slots.waiting, 0);
-    assert_int_equal(take(2800 * MS), 0);
+    assert_int_equal(take_slots(2800 * MS), 0);
 }
 
 static void test_without_a_clock_tiles_come_and_go_at_once(void **state) {
     (void)state;
     const lw_tile_id id = put(0, 0);
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 0, 0, 0, true, 1);
     assert_int_equal(w.slots.waiting, 0);
     withdraw(id);
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 0, 0, 0, false, 0);
-    assert_int_equal(take(0), 0);
+    assert_int_equal(take_slots(0), 0);
 }
 
 /* A rectangle has the next column and row, but at the edge of the level; it is reported again when the tiles
@@ -146,23 +146,23 @@ static void test_without_a_clock_tiles_come_and_go_at_once(void **state) {
 static void test_borders(void **state) {
     (void)state;
     put(12, 4);
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     assert_int_equal(w.reported[0].rect.width, 800 - 12 * 64);
     assert_int_equal(w.reported[0].rect.height, 288 - 4 * 64);
     put(11, 4);
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 1, 11, 4, true, 1);
     assert_int_equal(w.reported[0].rect.width, 65);
     assert_int_equal(w.reported[0].rect.height, 288 - 4 * 64);
     put(12, 4);
-    assert_int_equal(take(0), 2); /* and the tile to its left */
+    assert_int_equal(take_slots(0), 2); /* and the tile to its left */
     is_reported(0, 0, 12, 4, true, 1);
     is_reported(1, 1, 11, 4, true, 1);
     put(10, 3);
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 2, 10, 3, true, 1);
     w.tile[lw_atlas_map_find(&w.map, 1, 0, 2, 0).v].version++; /* below (11, 3), which is not there */
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 2, 10, 3, true, 1);
 }
 
@@ -171,16 +171,16 @@ static void test_slots_run_out(void **state) {
     (void)state;
     lw_tile_id id[SLOTS + 2];
     for (uint32_t i = 0; i < SLOTS + 2; i++) id[i] = put(2 * i, 0);
-    assert_int_equal(take(0), SLOTS);
+    assert_int_equal(take_slots(0), SLOTS);
     assert_int_equal(w.slots.used, SLOTS);
-    assert_int_equal(take(0), 0);
+    assert_int_equal(take_slots(0), 0);
     withdraw(id[1]);
-    assert_int_equal(take(0), 2); /* the slot has another tile: first the old one goes */
+    assert_int_equal(take_slots(0), 2); /* the slot has another tile: first the old one goes */
     is_reported(0, 1, 2, 0, false, 0);
     is_reported(1, 1, 2 * SLOTS, 0, true, 1);
     withdraw(id[SLOTS]);
     withdraw(id[SLOTS + 1]);
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 1, 2 * SLOTS, 0, false, 0);
 }
 
@@ -213,14 +213,14 @@ static void test_noisy_tiles(void **state) {
     (void)state;
     const lw_tile_id id = put(5, 1);
     w.tile[id.v].error = 0.5f;
-    assert_int_equal(take(0), 0);
+    assert_int_equal(take_slots(0), 0);
     w.tile[id.v].error = 0.01f;
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     w.tile[id.v].error = 0.5f;
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 0, 5, 1, false, 0);
     w.tiles.as_it_is = true;
-    assert_int_equal(take(0), 1);
+    assert_int_equal(take_slots(0), 1);
     is_reported(0, 0, 5, 1, true, 1);
 }
 

@@ -38,7 +38,7 @@ static double furnace(const struct lw_lobes *lobes, float cosine) {
         struct lw_vec3 to_light;
         lw_random_sobol2(s, 1, u);
         lw_random_sobol2(s, 2, pick);
-        if (!lw_lobes_draw(&seen, u, pick[0], &to_light)) continue;
+        if (!lw_lobes_sample(&seen, u, pick[0], &to_light)) continue;
         sum += (double)(lw_lobes_reflect(&seen, to_light).y / lw_lobes_pdf(&seen, to_light));
     }
     return sum / SAMPLES;
@@ -97,7 +97,7 @@ static void densities_are_those_of_what_is_drawn(void **state) {
             struct lw_vec3 drawn;
             lw_random_sobol2(s, 6, u);
             lw_random_sobol2(s, 7, pick);
-            above += lw_lobes_draw(&seen, u, pick[0], &drawn);
+            above += lw_lobes_sample(&seen, u, pick[0], &drawn);
             integral += (double)lw_lobes_pdf(&seen, at(u[0], 2 * LW_PI * u[1])) * 2 * (double)LW_PI;
         }
         assert_true(fabs(above - integral) < 0.01 * SAMPLES);

@@ -72,9 +72,9 @@ static void a_failure_gives_its_exit_code(void **state) {
     lw_log_init("tester", LW_LOG_INFO);
     struct lw_error none = {0}, err = {.status = LW_BAD_DATA, .text = "x.glb: bad"},
                     bare = {.status = LW_NO_MEMORY}, what = {.status = LW_NO_MEMORY, .text = "9 texels"},
-                    told = {.status = LW_NO_MEMORY, .text = "x.glb: out of memory"};
+                    failure = {.status = LW_NO_MEMORY, .text = "x.glb: out of memory"};
     int codes[] = {lw_log_failure(&none), lw_log_failure(&err), lw_log_failure(&bare), lw_log_failure(&what),
-                   lw_log_failure(&told)};
+                   lw_log_failure(&failure)};
     assert_string_equal(end_capture(), "tester: error: x.glb: bad\ntester: error: out of memory\n"
                                        "tester: error: out of memory: 9 texels\n"
                                        "tester: error: x.glb: out of memory\n");

@@ -32,7 +32,7 @@ static void write_stream(void) {
 }
 
 /* Takes what there is, at most `most` messages, from number *i on. */
-static void take(struct lw_message_reader *reader, unsigned *i, unsigned most) {
+static void take_messages(struct lw_message_reader *reader, unsigned *i, unsigned most) {
     struct lw_framing_header header;
     const uint8_t *body;
     for (unsigned taken = 0; taken < most; taken++) {
@@ -61,11 +61,11 @@ static void test_pieces(void **state) {
                 assert_non_null(piece);
                 memcpy(piece, stream + at, size);
                 lw_message_reader_lend(&reader, piece, size);
-                take(&reader, &i, mosts[m]);
+                take_messages(&reader, &i, mosts[m]);
                 lw_support_ok(lw_message_reader_keep(&reader), NULL);
                 free(piece);
             }
-            take(&reader, &i, MESSAGES);
+            take_messages(&reader, &i, MESSAGES);
             assert_int_equal(i, MESSAGES);
             lw_support_ok(lw_message_reader_keep(&reader), NULL);
             assert_null(reader.kept); /* nobody who is silent takes memory */
@@ -80,7 +80,7 @@ static void test_no_copy(void **state) {
     write_stream();
     lw_message_reader_lend(&reader, stream, stream_size);
     no_memory = true;
-    take(&reader, &i, MESSAGES);
+    take_messages(&reader, &i, MESSAGES);
     lw_support_ok(lw_message_reader_keep(&reader), NULL);
     no_memory = false;
     assert_int_equal(i, MESSAGES);
@@ -123,7 +123,7 @@ static void test_no_memory(void **state) {
     assert_int_equal(lw_message_reader_take(&reader, &header, &body, NULL), LW_NO_MEMORY);
     no_memory = false;
     unsigned i = 0; /* nothing of it is lost */
-    take(&reader, &i, MESSAGES);
+    take_messages(&reader, &i, MESSAGES);
     assert_int_equal(i, MESSAGES);
     lw_message_reader_clear(&reader);
 }

@@ -258,7 +258,7 @@ static enum lw_status parse_and_print(const char *line) {
     return status;
 }
 
-static void an_option_without_help_is_taken_and_not_told(void **state) {
+static void an_option_without_help_is_taken_and_not_listed(void **state) {
     (void)state;
     lw_support_ok(parse("a --between-our-own-programs 7"), &err);
     assert_int_equal(values.hidden, 7);
@@ -374,7 +374,7 @@ int main(void) {
         cmocka_unit_test(choices_are_whole_words),
         cmocka_unit_test(mistakes_are_named),
         cmocka_unit_test(two_dashes_end_the_options),
-        cmocka_unit_test(an_option_without_help_is_taken_and_not_told),
+        cmocka_unit_test(an_option_without_help_is_taken_and_not_listed),
         cmocka_unit_test(help_is_made_from_the_table),
         cmocka_unit_test(version_is_one_line),
         cmocka_unit_test(addresses_split),

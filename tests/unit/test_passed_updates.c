@@ -30,7 +30,7 @@ static bool add(int i, uint64_t request, size_t changes) {
                                  &(struct lw_message_update){request, change, changes});
 }
 
-static uint64_t take(void) {
+static uint64_t take_number(void) {
     struct lw_passed_update update;
     if (!lw_passed_updates_take(&updates, &update)) return 0;
     free(update.change);
@@ -67,8 +67,8 @@ static void success_comes_with_its_frame(void **state) {
     assert_false(updates.waiting);
     for (uint64_t i = 1; i <= 4; i++) assert_true(add(0, 10 * i, 1));
     assert_true(updates.waiting);
-    for (uint64_t i = 1; i <= 4; i++) assert_int_equal(take(), i);
-    assert_int_equal(take(), 0);
+    for (uint64_t i = 1; i <= 4; i++) assert_int_equal(take_number(), i);
+    assert_int_equal(take_number(), 0);
     assert_false(updates.waiting);
     assert_int_equal(next(100), 0);
     answer(1, 0, 5);
@@ -92,7 +92,7 @@ static void another_run_shows_no_change_of_the_last_one(void **state) {
     (void)state;
     const uint64_t run = UINT64_C(1) << 32;
     for (uint64_t i = 1; i <= 4; i++) assert_true(add(0, 10 * i, 1));
-    for (uint64_t i = 1; i <= 4; i++) assert_int_equal(take(), i);
+    for (uint64_t i = 1; i <= 4; i++) assert_int_equal(take_number(), i);
     answer(1, 0, 5);
     answer(2, 0, 6);
     assert_int_equal(next(5), 10);
@@ -108,10 +108,10 @@ static void another_run_shows_no_change_of_the_last_one(void **state) {
 static void a_session_that_is_gone_hears_nothing(void **state) {
     (void)state;
     assert_true(add(0, 1, 1) && add(1, 2, 1) && add(0, 3, 1));
-    assert_int_equal(take(), 1);
+    assert_int_equal(take_number(), 1);
     lw_passed_updates_forget(&updates, session(0));
-    assert_int_equal(take(), 2);
-    assert_int_equal(take(), 3); /* it goes on all the same */
+    assert_int_equal(take_number(), 2);
+    assert_int_equal(take_number(), 3); /* it goes on all the same */
     for (uint64_t i = 1; i <= 3; i++) answer(i, 0, 1);
     assert_int_equal(next(1), 2);
     assert_int_equal(next(1), 0);
@@ -124,7 +124,7 @@ static void there_are_limits(void **state) {
     for (unsigned i = 0; i < most; i++) assert_true(add(0, i, LW_MESSAGE_CHANGES_MAX));
     assert_false(add(0, 1, 1));
     assert_true(add(0, 1, 0));
-    assert_int_equal(take(), 1); /* a taken update is the taker's */
+    assert_int_equal(take_number(), 1); /* a taken update is the taker's */
     assert_true(add(0, 1, LW_MESSAGE_CHANGES_MAX));
     while (updates.entry_count < LW_PASSED_UPDATES_MAX) assert_true(add(0, 1, 0));
     assert_false(add(0, 1, 0));

@@ -36,7 +36,7 @@ static struct lw_scene *build(const struct lw_node *nodes, uint32_t count, const
 }
 
 /* Where the object's point p is at a time. */
-static struct lw_vec3 place(const struct lw_scene *scene, double time_s, struct lw_vec3 p) {
+static struct lw_vec3 point_at(const struct lw_scene *scene, double time_s, struct lw_vec3 p) {
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_pose_evaluate(&pose, scene, time_s);
@@ -57,7 +57,7 @@ static void scale_comes_before_rotation_before_translation(void **state) {
     memcpy(node.scale, (float[]){2, 3, 4}, sizeof node.scale);
     struct lw_scene *scene = build(&node, 1, NULL, 0, 0);
     /* (1, 1, 1) scaled is (2, 3, 4); x turns to y and y to -x: (-3, 2, 4) */
-    assert_point(place(scene, 0, lw_vec3(1, 1, 1)), 7, 22, 34);
+    assert_point(point_at(scene, 0, lw_vec3(1, 1, 1)), 7, 22, 34);
     lw_scene_destroy(scene);
 }
 
@@ -80,7 +80,7 @@ static void quaternions_turn_as_they_should_about_every_axis(void **state) {
         struct lw_node node = still;
         memcpy(node.rotation, turns[i].rotation, sizeof node.rotation);
         struct lw_scene *scene = build(&node, 1, NULL, 0, 0);
-        assert_point(place(scene, 0, turns[i].from), turns[i].to.x, turns[i].to.y, turns[i].to.z);
+        assert_point(point_at(scene, 0, turns[i].from), turns[i].to.x, turns[i].to.y, turns[i].to.z);
         lw_scene_destroy(scene);
     }
 }
@@ -96,7 +96,7 @@ static void parents_carry_children_and_mirrors_mirror(void **state) {
     nodes[2].translation[0] = 3;
     struct lw_scene *scene = build(nodes, 3, NULL, 0, 0);
     /* (1, 2, 3) moves to (4, 2, 3), is mirrored to (-3, 2, 3), and is lifted by 5 */
-    assert_point(place(scene, 0, lw_vec3(1, 2, 3)), -3, 7, 3);
+    assert_point(point_at(scene, 0, lw_vec3(1, 2, 3)), -3, 7, 3);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     assert_near(lw_affine_determinant(&pose.object_to_world[0]), -1);
@@ -141,21 +141,21 @@ static void steps_hold_and_lines_are_straight(void **state) {
     for (size_t i = 0; i < sizeof samples / sizeof *samples; i++) {
         channel.interpolation = LW_INTERPOLATION_STEP;
         struct lw_scene *scene = build(&still, 1, &channel, 1, 5);
-        assert_near(place(scene, samples[i].time_s, lw_vec3(0, 0, 0)).x, samples[i].step);
+        assert_near(point_at(scene, samples[i].time_s, lw_vec3(0, 0, 0)).x, samples[i].step);
         lw_scene_destroy(scene);
         channel.interpolation = LW_INTERPOLATION_LINEAR;
         scene = build(&still, 1, &channel, 1, 5);
-        assert_near(place(scene, samples[i].time_s, lw_vec3(0, 0, 0)).x, samples[i].linear);
+        assert_near(point_at(scene, samples[i].time_s, lw_vec3(0, 0, 0)).x, samples[i].linear);
         lw_scene_destroy(scene);
     }
     struct lw_scene *scene = build(&still, 1, &channel, 1, 5);
-    assert_point(place(scene, 3, lw_vec3(0, 0, 0)), 30, 4, 0);
-    assert_point(place(scene, (double)NAN, lw_vec3(0, 0, 0)), 10, 0, 0); /* time 0 */
-    assert_point(place(scene, (double)INFINITY, lw_vec3(0, 0, 0)), 10, 0, 0);
-    assert_point(place(scene, -1e-300, lw_vec3(0, 0, 0)), 10, 0,
+    assert_point(point_at(scene, 3, lw_vec3(0, 0, 0)), 30, 4, 0);
+    assert_point(point_at(scene, (double)NAN, lw_vec3(0, 0, 0)), 10, 0, 0); /* time 0 */
+    assert_point(point_at(scene, (double)INFINITY, lw_vec3(0, 0, 0)), 10, 0, 0);
+    assert_point(point_at(scene, -1e-300, lw_vec3(0, 0, 0)), 10, 0,
                  0); /* wraps to the duration, which is 0 again */
     scene->duration_s = 0;
-    assert_point(place(scene, 3, lw_vec3(0, 0, 0)), 10, 0, 0); /* no animation: rests at time 0 */
+    assert_point(point_at(scene, 3, lw_vec3(0, 0, 0)), 10, 0, 0); /* no animation: rests at time 0 */
     lw_scene_destroy(scene);
 }
 
@@ -173,7 +173,7 @@ static void linear_rotations_turn_evenly_the_shorter_way(void **state) {
             float shorter = degrees[i] > 180 ? degrees[i] - 360 : degrees[i];
             for (int quarter = 0; quarter <= 4; quarter++) {
                 float angle = shorter * LW_PI / 180 * (float)quarter / 4;
-                assert_point(place(scene, quarter, lw_vec3(1, 0, 0)), cosf(angle), sinf(angle), 0);
+                assert_point(point_at(scene, quarter, lw_vec3(1, 0, 0)), cosf(angle), sinf(angle), 0);
             }
             lw_scene_destroy(scene);
         }
@@ -196,13 +196,13 @@ static void cubic_splines_reproduce_a_cubic(void **state) {
     struct lw_channel channel = {0, LW_CHANNEL_TRANSLATION, LW_INTERPOLATION_CUBIC, 3, times, values};
     struct lw_scene *scene = build(&still, 1, &channel, 1, 10);
     for (float t = 0.5f; t <= 3; t += 0.125f)
-        assert_float_equal(place(scene, (double)t, lw_vec3(0, 0, 0)).y, cubic(t), 1e-4f);
-    assert_near(place(scene, 0, lw_vec3(0, 0, 0)).y, cubic(0.5f));
-    assert_near(place(scene, 7, lw_vec3(0, 0, 0)).y, cubic(3));
+        assert_float_equal(point_at(scene, (double)t, lw_vec3(0, 0, 0)).y, cubic(t), 1e-4f);
+    assert_near(point_at(scene, 0, lw_vec3(0, 0, 0)).y, cubic(0.5f));
+    assert_near(point_at(scene, 7, lw_vec3(0, 0, 0)).y, cubic(3));
     lw_scene_destroy(scene);
 }
 
-static void in_tangents_and_out_tangents_are_told_apart(void **state) {
+static void in_tangents_and_out_tangents_are_reported_apart(void **state) {
     (void)state;
     static const float times[] = {0, 2};
     /* in-tangent, value, out-tangent of each key; the outer two must not matter */
@@ -210,7 +210,7 @@ static void in_tangents_and_out_tangents_are_told_apart(void **state) {
     struct lw_channel channel = {0, LW_CHANNEL_TRANSLATION, LW_INTERPOLATION_CUBIC, 2, times, values};
     struct lw_scene *scene = build(&still, 1, &channel, 1, 4);
     /* at the middle the tangents weigh +1/8 and -1/8, times the interval of 2 s */
-    assert_point(place(scene, 1, lw_vec3(0, 0, 0)), 0.25f, -1, 0);
+    assert_point(point_at(scene, 1, lw_vec3(0, 0, 0)), 0.25f, -1, 0);
     lw_scene_destroy(scene);
 }
 
@@ -226,8 +226,8 @@ static void cubic_rotations_are_unit_and_scales_scale(void **state) {
     struct lw_scene *scene = build(&still, 1, channels, 2, 2);
     /* half way between identity and a half turn about z: (0, 0, 1/2, 1/2) before it is made unit, a quarter
      * turn */
-    assert_point(place(scene, 0.5, lw_vec3(1, 0, 0)), 0, 2, 0);
-    assert_point(place(scene, 0.5, lw_vec3(0, 1, 0)), -3, 0, 0);
+    assert_point(point_at(scene, 0.5, lw_vec3(1, 0, 0)), 0, 2, 0);
+    assert_point(point_at(scene, 0.5, lw_vec3(0, 1, 0)), -3, 0, 0);
     lw_scene_destroy(scene);
 }
 
@@ -380,7 +380,7 @@ int main(void) {
         cmocka_unit_test(steps_hold_and_lines_are_straight),
         cmocka_unit_test(linear_rotations_turn_evenly_the_shorter_way),
         cmocka_unit_test(cubic_splines_reproduce_a_cubic),
-        cmocka_unit_test(in_tangents_and_out_tangents_are_told_apart),
+        cmocka_unit_test(in_tangents_and_out_tangents_are_reported_apart),
         cmocka_unit_test(cubic_rotations_are_unit_and_scales_scale),
         cmocka_unit_test(lights_are_dimmed_and_coloured),
         cmocka_unit_test(what_moves_is_what_has_a_channel_above_it),

@@ -25,8 +25,8 @@ static struct lw_scene_change change_of(enum lw_scene_change_kind kind, uint32_t
     return change;
 }
 
-static enum lw_scene_change_code take(struct lw_scene_roster *roster, enum lw_scene_change_kind kind,
-                                      uint32_t target, uint32_t *out_object) {
+static enum lw_scene_change_code apply_change(struct lw_scene_roster *roster, enum lw_scene_change_kind kind,
+                                              uint32_t target, uint32_t *out_object) {
     struct lw_error err = {0};
     const struct lw_scene_change change =
         change_of(kind, target, kind == LW_SCENE_CHANGE_OBJECT_ADD ? there : NULL);
@@ -47,7 +47,7 @@ static void expect_none_left(struct lw_scene_roster *roster, const char *text) {
 
 static void expect_added(struct lw_scene_roster *roster, uint32_t object) {
     uint32_t added = UINT32_MAX;
-    assert_int_equal(take(roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &added), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &added), LW_SCENE_CHANGE_OK);
     assert_int_equal(added, object);
 }
 
@@ -138,7 +138,7 @@ static void the_first_spare_is_taken_until_none_is_left(void **state) {
     uint32_t object = 77;
     lw_support_ok(lw_scene_roster_init(&roster, scene), NULL);
     for (uint32_t o = 130; o < 200; o++) expect_added(&roster, o);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &object), LW_SCENE_CHANGE_NO_SPARE);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &object), LW_SCENE_CHANGE_NO_SPARE);
     assert_int_equal(object, 77);
     expect_none_left(
         &roster, "mesh \"square\": no spare of this mesh is left: start lightwelld with --spares square=N");
@@ -148,13 +148,14 @@ static void the_first_spare_is_taken_until_none_is_left(void **state) {
     scene->mesh[0].name = "a,b";
     expect_none_left(&roster,
                      "mesh 0: no spare of this mesh is left: start lightwelld with --spares \"#0=N\"");
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 190, &object), LW_SCENE_CHANGE_OK);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 3, &object), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 190, &object), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 3, &object), LW_SCENE_CHANGE_OK);
     assert_int_equal(object, 3);
     expect_added(&roster, 3);
     expect_added(&roster, 190);
     for (uint32_t o = 0; o < 200; o++) /* all of them, and all of them back */
-        assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, o, &object), LW_SCENE_CHANGE_OK);
+        assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, o, &object),
+                         LW_SCENE_CHANGE_OK);
     for (uint32_t o = 0; o < 200; o++) expect_added(&roster, o);
     lw_scene_roster_finish(&roster);
     lw_scene_roster_finish(&roster); /* twice is fine */
@@ -171,15 +172,16 @@ static void what_is_absent_cannot_be_changed(void **state) {
         LW_SCENE_CHANGE_OBJECT_RESTORE, LW_SCENE_CHANGE_OBJECT_HIDE, LW_SCENE_CHANGE_OBJECT_SHOW,
         LW_SCENE_CHANGE_OBJECT_REMOVE};
     for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
-        assert_int_equal(take(&roster, kinds[i], 2, &object), LW_SCENE_CHANGE_ABSENT);
+        assert_int_equal(apply_change(&roster, kinds[i], 2, &object), LW_SCENE_CHANGE_ABSENT);
     struct lw_error err = {0};
     const struct lw_scene_change move = change_of(LW_SCENE_CHANGE_OBJECT_TRANSFORM, 2, there);
     assert_int_equal(lw_scene_roster_take(&roster, &move, &object, &err), LW_SCENE_CHANGE_ABSENT);
     assert_non_null(strstr(err.text, "object 2"));
     assert_int_equal(object, 77);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 1, &object), LW_SCENE_CHANGE_OK);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 1, &object), LW_SCENE_CHANGE_ABSENT);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_RESET, 0, &object), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 1, &object), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 1, &object),
+                     LW_SCENE_CHANGE_ABSENT);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_RESET, 0, &object), LW_SCENE_CHANGE_OK);
     assert_true(!lw_scene_roster_is_spare(&roster, 1) && lw_scene_roster_is_spare(&roster, 2));
     lw_scene_roster_finish(&roster);
     lw_scene_destroy(scene);
@@ -194,7 +196,7 @@ static void an_update_that_is_refused_leaves_no_trace(void **state) {
     expect_added(&roster, 2);
     lw_scene_roster_save(&roster);
     expect_added(&roster, 3);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 0, &object), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_REMOVE, 0, &object), LW_SCENE_CHANGE_OK);
     lw_scene_roster_go_back(&roster);
     assert_false(lw_scene_roster_is_spare(&roster, 0));
     assert_true(lw_scene_roster_is_spare(&roster, 3));
@@ -212,8 +214,8 @@ static void meshes_keep_their_spares_apart(void **state) {
     struct lw_scene_roster roster;
     uint32_t object;
     lw_support_ok(lw_scene_roster_init(&roster, scene), NULL);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &object), LW_SCENE_CHANGE_NO_SPARE);
-    assert_int_equal(take(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 1, &object), LW_SCENE_CHANGE_OK);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 0, &object), LW_SCENE_CHANGE_NO_SPARE);
+    assert_int_equal(apply_change(&roster, LW_SCENE_CHANGE_OBJECT_ADD, 1, &object), LW_SCENE_CHANGE_OK);
     assert_int_equal(object, objects);
     lw_scene_roster_finish(&roster);
     lw_scene_destroy(scene);

@@ -145,7 +145,7 @@ static double time_at(const struct fixture *f, double wall_s) {
     return lw_scene_state_time(&f->state, wall_s);
 }
 
-static void the_clock_never_jumps_but_when_told_to(void **state) {
+static void the_clock_never_jumps_but_when_set(void **state) {
     (void)state;
     struct fixture f;
     set_up(&f, 0, false);
@@ -229,8 +229,8 @@ static struct lw_scene_change draw_change(const struct lw_scene *scene) {
 }
 
 /* As a server takes it; a change that cannot be made is left out. */
-static bool take(struct lw_scene_state *state, struct lw_scene_roster *roster,
-                 const struct lw_scene_change *c, double wall_s) {
+static bool apply_change(struct lw_scene_state *state, struct lw_scene_roster *roster,
+                         const struct lw_scene_change *c, double wall_s) {
     struct lw_error err = {0};
     uint32_t object;
     if (lw_scene_change_check(state->original, c, &err) || lw_scene_roster_take(roster, c, &object, &err))
@@ -248,7 +248,7 @@ static void expect_same_again(struct fixture *f, const struct lw_scene_state *no
     set_up_scene(f, now->start_scene_s, now->start_paused);
     lw_support_ok(lw_pose_init(&pose, f->scene), NULL);
     lw_support_ok(lw_scene_roster_init(&roster, f->scene), NULL);
-    for (size_t i = 0; i < count; i++) assert_true(take(&f->state, &roster, &change[i], 0));
+    for (size_t i = 0; i < count; i++) assert_true(apply_change(&f->state, &roster, &change[i], 0));
     /* the clock, to a float's digits, and then everything at one moment of it */
     const double time_s = lw_scene_state_time(now, wall_s), again_s = lw_scene_state_time(&f->state, 0);
     if (count &&
@@ -293,7 +293,7 @@ static void its_changes_make_it_again(void **state) {
             const double wall_s = i * 0.125;
             const struct lw_scene_change c = draw_change(f.scene);
             if (c.kind == LW_SCENE_CHANGE_RESET && draw(8)) continue; /* now and then */
-            taken += take(&now, &roster, &c, wall_s);
+            taken += apply_change(&now, &roster, &c, wall_s);
             if (i % 10 == 0) expect_same_again(&f, &now, wall_s);
         }
         lw_scene_roster_finish(&roster);
@@ -310,7 +310,7 @@ int main(void) {
         cmocka_unit_test(what_stood_still_becomes_dynamic),
         cmocka_unit_test(lights_change_in_each_respect_alone),
         cmocka_unit_test(materials_and_sky_change_in_a_scene_of_its_own),
-        cmocka_unit_test(the_clock_never_jumps_but_when_told_to),
+        cmocka_unit_test(the_clock_never_jumps_but_when_set),
         cmocka_unit_test(a_reset_takes_all_back),
         cmocka_unit_test(the_later_of_two_changes_counts),
         cmocka_unit_test(its_changes_make_it_again),

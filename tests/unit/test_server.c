@@ -99,11 +99,11 @@ static void test_waiting_for_the_first_light(void **state) {
     const int late = serving_dial_and_stream(f);
     expect_waiting(late, LW_WAITING_LOOKING_INSIDE, 0.75f);
     pass_a_wait();
-    bool is_told = false; /* perhaps of the half, too: the server may look in between */
-    while (!is_told) {
+    bool is_sent = false; /* perhaps of the half, too: the server may look in between */
+    while (!is_sent) {
         struct lw_message m;
         serving_expect(early, LW_MESSAGE_WAITING, &m);
-        is_told = m.waiting.share == 0.75f;
+        is_sent = m.waiting.share == 0.75f;
         lw_message_finish(&m);
     }
     pass_a_wait();
@@ -184,7 +184,7 @@ static void test_stop_says_when_to_come_back(void **state) {
             lw_server_relay(f->server);
         else
             lw_server_stop(f->server);
-        serving_expect_return_told(s, LW_REFUSAL_SHUTDOWN, relayed ? LW_SERVER_RELAY_MS : 1234);
+        serving_expect_refusal_after(s, LW_REFUSAL_SHUTDOWN, relayed ? LW_SERVER_RELAY_MS : 1234);
         serving_end(f);
     }
 }

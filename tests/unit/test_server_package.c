@@ -166,23 +166,24 @@ static void expect_finishes(const struct serving *f, const struct lw_server_desc
                             uint8_t held) {
     struct lw_message welcome, m;
     int s = dial_with_materials(f, &welcome);
-    const struct lw_message_package *told = &welcome.welcome.finish;
+    const struct lw_message_package *announced = &welcome.welcome.finish;
     struct lw_package_hash hash;
     lw_package_hash(desc->finishes, desc->finishes_size, &hash);
     assert_int_equal(welcome.welcome.features, LW_FEATURE_MATERIALS);
-    assert_memory_equal(&told->hash, &hash, sizeof hash);
-    assert_int_equal(told->size, desc->finishes_size);
-    assert_int_equal(told->part_count, FINISH_PARTS);
+    assert_memory_equal(&announced->hash, &hash, sizeof hash);
+    assert_int_equal(announced->size, desc->finishes_size);
+    assert_int_equal(announced->part_count, FINISH_PARTS);
     serving_ask_for_package(s, welcome.welcome.package_compressed_size);
     ask_for_finishes(s, offset, held);
     serving_expect_frame(s, 7, 1);
     serving_expect_tiles(s, SERVING_OBJECTS, 7); /* the coarsest levels */
     uint64_t begin = 0, at = 0;
     uint32_t tiles = SERVING_OBJECTS;
-    for (size_t i = 0; i < told->part_count; i++) {
-        const uint64_t end = begin + told->part_compressed_size[i], from = begin < offset ? offset : begin;
+    for (size_t i = 0; i < announced->part_count; i++) {
+        const uint64_t end = begin + announced->part_compressed_size[i],
+                       from = begin < offset ? offset : begin;
         begin = end;
-        at += told->part_size[i];
+        at += announced->part_size[i];
         if (held >> i & 1 || from >= end) continue;
         for (;; lw_message_finish(&m), tiles++) { /* tiles go on beside them */
             assert_true(serving_get(s, &m));
@@ -196,10 +197,11 @@ static void expect_finishes(const struct serving *f, const struct lw_server_desc
         assert_int_equal(m.finish_chunk.offset, from);
         assert_int_equal(m.finish_chunk.size, end - from);
         uint8_t bytes[4096];
-        if (from + told->part_compressed_size[i] == end) { /* all of it: a frame of its own */
+        if (from + announced->part_compressed_size[i] == end) { /* all of it: a frame of its own */
             assert_int_equal(ZSTD_decompress(bytes, sizeof bytes, m.finish_chunk.data, m.finish_chunk.size),
-                             told->part_size[i]);
-            assert_memory_equal(bytes, desc->finishes + at - told->part_size[i], told->part_size[i]);
+                             announced->part_size[i]);
+            assert_memory_equal(bytes, desc->finishes + at - announced->part_size[i],
+                                announced->part_size[i]);
         }
         lw_message_finish(&m);
     }

@@ -24,8 +24,8 @@ static void test_acks(void **state) {
                {5, 4, false}, {0, 0, false}, {4, 5, true}};
     struct serving *f = serving_start(&(struct lw_server_desc){0});
     serving_publish(f, serving_make_snapshot(f, 5, 0));
-    int witness = serving_dial_and_stream(f);
-    serving_expect_light(f, witness, 5);
+    int observer = serving_dial_and_stream(f);
+    serving_expect_light(f, observer, 5);
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         int s = serving_dial_and_stream(f);
         serving_expect_light(f, s, 5);
@@ -45,8 +45,8 @@ static void test_acks(void **state) {
     serving_put(s, &(struct lw_message){.type = LW_MESSAGE_ACK, .ack.frame = 5});
     serving_expect_refusal(s, LW_REFUSAL_PROTOCOL);
     serving_publish(f, serving_make_snapshot(f, 6, 5));
-    serving_expect_frame(witness, 6, 2);
-    close(witness);
+    serving_expect_frame(observer, 6, 2);
+    close(observer);
     serving_end(f);
 }
 
@@ -101,8 +101,8 @@ static void test_bytes_gone_wrong(void **state) {
     uint8_t script[1024], wrong[1024];
     close(serving_dial_again(f, &welcome));
     serving_publish(f, serving_make_snapshot(f, 9, 0));
-    int witness = serving_dial_and_stream(f);
-    serving_expect_light(f, witness, 9);
+    int observer = serving_dial_and_stream(f);
+    serving_expect_light(f, observer, 9);
     const size_t size = write_script(script, sizeof script, welcome.package_compressed_size);
     assert_false(recite(f, script, size));
     for (size_t cut = 0; cut < size; cut++) assert_false(recite(f, script, cut));
@@ -117,10 +117,10 @@ static void test_bytes_gone_wrong(void **state) {
     memcpy(wrong + size, script, sizeof wrong - size < size ? sizeof wrong - size : size);
     assert_true(recite(f, wrong, 2 * size < sizeof wrong ? 2 * size : sizeof wrong));
     serving_publish(f, serving_make_snapshot(f, 10, 9));
-    serving_expect_frame(witness, 10, 2);
-    serving_expect_tiles(witness, f->map.tile_count, 10);
+    serving_expect_frame(observer, 10, 2);
+    serving_expect_tiles(observer, f->map.tile_count, 10);
     serving_wait_for_sessions(f, 1);
-    close(witness);
+    close(observer);
     serving_end(f);
 }
 

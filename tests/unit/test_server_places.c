@@ -125,11 +125,11 @@ static void test_refused_ones_that_linger(void **state) {
 
 /* One address's connections without a place get a refusal as far as there is room, and are closed beyond
  * that. */
-static void test_who_is_turned_away_is_told(void **state) {
+static void test_who_is_turned_away_is_refused(void **state) {
     (void)state;
     enum { MORE = LW_SERVER_ADDRESS_TURNED_AWAY_MAX + 1 };
     struct serving *f = serving_start(&(struct lw_server_desc){.sessions_max = 5, .address_sessions_max = 1});
-    int one = serving_dial_and_greet(f), more[MORE], told = 0;
+    int one = serving_dial_and_greet(f), more[MORE], refused = 0;
     for (int i = 0; i < MORE; i++) more[i] = serving_dial(f);
     for (int i = 0; i < MORE; i++) {
         struct lw_message m;
@@ -137,9 +137,9 @@ static void test_who_is_turned_away_is_told(void **state) {
         assert_int_equal(m.type, LW_MESSAGE_REFUSAL);
         assert_int_equal(m.refusal.code, LW_REFUSAL_FULL);
         lw_message_finish(&m);
-        told++;
+        refused++;
     }
-    assert_in_range(told, LW_SERVER_ADDRESS_TURNED_AWAY_MAX,
+    assert_in_range(refused, LW_SERVER_ADDRESS_TURNED_AWAY_MAX,
                     MORE); /* all where the first have gone by then */
     for (int i = 0; i < MORE; i++) close(more[i]);
     close(one);
@@ -152,7 +152,7 @@ int main(void) {
         cmocka_unit_test(test_full),
         cmocka_unit_test(test_an_address_has_its_places),
         cmocka_unit_test(test_refused_ones_that_linger),
-        cmocka_unit_test(test_who_is_turned_away_is_told),
+        cmocka_unit_test(test_who_is_turned_away_is_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

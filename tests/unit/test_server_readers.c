@@ -74,12 +74,12 @@ static void test_stalled_reader_is_closed(void **state) {
 }
 
 /* A peer that reads on finds the refusal behind the bytes on the way. */
-static void expect_told(bool while_held) {
+static void expect_timeout(bool while_held) {
     enum { STALL_MS = 600 };
     struct serving *f = serving_start(&(struct lw_server_desc){.stall_timeout_ms = STALL_MS});
     int slow = serving_dial_with_buffer(f, 4096);
     struct lw_message m;
-    bool told = false;
+    bool refused = false;
     serving_put(slow, &serving_hello);
     serving_ask_for_package(slow, SERVING_PACKAGE_SIZE);
     serving_wait_for_sessions(f, 1);
@@ -91,21 +91,21 @@ static void expect_told(bool while_held) {
         while (server_clock_step(STALL_MS)) /* until its link, the only one, has been closed */
             ;
     while (serving_get(slow, &m)) {
-        assert_false(told);
-        told = m.type == LW_MESSAGE_REFUSAL;
-        if (told) assert_int_equal(m.refusal.code, LW_REFUSAL_TIMEOUT);
+        assert_false(refused);
+        refused = m.type == LW_MESSAGE_REFUSAL;
+        if (refused) assert_int_equal(m.refusal.code, LW_REFUSAL_TIMEOUT);
         lw_message_finish(&m);
-        serving_is_paced = told; /* then the server closes the link */
+        serving_is_paced = refused; /* then the server closes the link */
     }
-    assert_true(told);
+    assert_true(refused);
     close(slow);
     serving_end(f);
 }
 
-static void test_a_stalled_reader_is_told(void **state) {
+static void test_a_stalled_reader_is_reported(void **state) {
     (void)state;
-    expect_told(true);
-    expect_told(false);
+    expect_timeout(true);
+    expect_timeout(false);
 }
 
 /* ---- whose turn it is ---- */
@@ -238,7 +238,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_slow_reader),
         cmocka_unit_test(test_stalled_reader_is_closed),
-        cmocka_unit_test(test_a_stalled_reader_is_told),
+        cmocka_unit_test(test_a_stalled_reader_is_reported),
         cmocka_unit_test(test_questions_do_not_wait_for_a_snapshot),
         cmocka_unit_test(test_flood_of_messages),
     };

@@ -265,18 +265,18 @@ static void test_a_narrow_link(void **state) {
     serving_put(
         s, &(struct lw_message){.type = LW_MESSAGE_INTEREST, .interest = {.tile = wanted, .tile_count = 1}});
     serving_ask_for_package(s, end_of_package);
-    int witness = serving_dial_and_greet_with(f, LW_FEATURE_DCT);
-    serving_put(witness, &(struct lw_message){.type = LW_MESSAGE_INTEREST});
-    serving_ask_for_package(witness, end_of_package);
+    int observer = serving_dial_and_greet_with(f, LW_FEATURE_DCT);
+    serving_put(observer, &(struct lw_message){.type = LW_MESSAGE_INTEREST});
+    serving_ask_for_package(observer, end_of_package);
     for (uint64_t frame = 2; frame <= 2 * FRAMES; frame += 2) {
         struct lw_snapshot *snapshot = make_moving(f, codec, &history, frame, frame - 2);
         snapshot->settled =
             serving_blob_of(&(struct lw_message){.type = LW_MESSAGE_SETTLED, .settled.frame = frame});
         serving_publish(f, snapshot);
-        wait_for_frame(witness, frame);
+        wait_for_frame(observer, frame);
         server_clock_step(20);
     }
-    close(witness);
+    close(observer);
     serving_is_paced = true;
     size_t coarse_bytes = 0, bytes = 0;
     uint64_t version = 0;
@@ -444,7 +444,7 @@ static void test_the_most_visible_change_goes_first(void **state) {
     serving_end(f);
 }
 
-static void test_what_waits_is_told(void **state) {
+static void test_what_waits_is_reported(void **state) {
     (void)state;
     struct serving *f = serving_start(&(struct lw_server_desc){0});
     struct lw_message m;
@@ -483,7 +483,7 @@ int main(void) {
         cmocka_unit_test(test_blobs_are_shared),
         cmocka_unit_test(test_rate_limits),
         cmocka_unit_test(test_the_most_visible_change_goes_first),
-        cmocka_unit_test(test_what_waits_is_told),
+        cmocka_unit_test(test_what_waits_is_reported),
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     return failed + cmocka_run_group_tests(in_split_form, serving_ask_for_split, NULL);

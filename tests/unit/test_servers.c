@@ -13,17 +13,17 @@ static int end(void **state) {
     return 0;
 }
 
-static void expect_next(const char *host, uint16_t port, bool is_told) {
+static void expect_next(const char *host, uint16_t port, bool is_announced) {
     lw_support_ok(lw_servers_next(&servers), NULL);
     assert_string_equal(servers.host, host);
     assert_int_equal(servers.port, port);
-    assert_int_equal(lw_servers_is_told(&servers), is_told);
+    assert_int_equal(lw_servers_is_announced(&servers), is_announced);
 }
 
-static void those_that_are_told_are_tried_in_turn(void **state) {
+static void those_that_are_reported_are_tried_in_turn(void **state) {
     (void)state;
     lw_support_ok(lw_servers_init(&servers, "a", 1), NULL);
-    assert_false(lw_servers_is_told(&servers));
+    assert_false(lw_servers_is_announced(&servers));
     lw_support_ok(lw_servers_found(&servers, "b:2,[::1]:3"), NULL);
     for (int round = 0; round < 2; round++) {
         expect_next("a", 1, false);
@@ -34,7 +34,7 @@ static void those_that_are_told_are_tried_in_turn(void **state) {
     expect_next("a", 1, false);
     expect_next("b", 2, true);
     lw_support_ok(lw_servers_found(&servers, "c:4"), NULL); /* b welcomed us */
-    assert_false(lw_servers_is_told(&servers));
+    assert_false(lw_servers_is_announced(&servers));
     expect_next("b", 2, false);
     expect_next("c", 4, true);
     expect_next("a", 1, false);
@@ -44,14 +44,16 @@ static void those_that_are_told_are_tried_in_turn(void **state) {
 /* A server may say anything. */
 static void what_is_no_address_is_left_out(void **state) {
     (void)state;
-    static const char *const told[] = {"",   ",",  ",,,",  "unix:/run/other", "b:99999", "b:0", "[::1", ":x",
-                                       NULL, "\n", "a:b:c"};
+    static const char *const announced[] = {
+        "", ",", ",,,", "unix:/run/other", "b:99999", "b:0", "[::1", ":x", NULL, "\n", "a:b:c"};
     char longest[1025];
     memset(longest, 'x', sizeof longest - 1);
     longest[sizeof longest - 1] = '\0';
     lw_support_ok(lw_servers_init(&servers, "a", 1), NULL);
-    for (size_t i = 0; i <= sizeof told / sizeof *told; i++) {
-        lw_support_ok(lw_servers_found(&servers, i < sizeof told / sizeof *told ? told[i] : longest), NULL);
+    for (size_t i = 0; i <= sizeof announced / sizeof *announced; i++) {
+        lw_support_ok(
+            lw_servers_found(&servers, i < sizeof announced / sizeof *announced ? announced[i] : longest),
+            NULL);
         for (int k = 0; k < 5; k++) expect_next("a", 1, false);
     }
     lw_support_ok(lw_servers_found(&servers, ",unix:/x,b:2,"), NULL);
@@ -70,7 +72,7 @@ static void a_path_may_be_given(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test_teardown(those_that_are_told_are_tried_in_turn, end),
+        cmocka_unit_test_teardown(those_that_are_reported_are_tried_in_turn, end),
         cmocka_unit_test_teardown(what_is_no_address_is_left_out, end),
         cmocka_unit_test_teardown(a_path_may_be_given, end),
     };

@@ -104,19 +104,19 @@ static int start(void **state) {
     scene->mesh[0].atlas_width = scene->mesh[0].atlas_height = 16;
     lw_support_ok(lw_atlas_map_init(&map, scene), NULL);
     shared.atlas_map = &map;
-    shared.channels_served = lw_light_form_bit(LW_LIGHT_FORM_FULL);
+    shared.channels.served = lw_light_form_bit(LW_LIGHT_FORM_FULL);
     lw_support_ok(lw_interest_union_init(&shared.interest_union, &map), NULL);
     lw_support_ok(lw_updates_init(&shared.updates), NULL);
     assert_int_equal(uv_mutex_init(&shared.stats_mutex), 0);
     shared.welcome =
         (struct lw_message_welcome){.version = LW_WIRE_VERSION, .package_size = 1, .name = "test"};
-    shared.sessions_max = LW_SERVER_SESSIONS_MAX;
+    shared.limits.sessions_max = LW_SERVER_SESSIONS_MAX;
     shared.parse.budget = LW_SERVER_PARSE_MAX;
-    shared.hello_timeout_ns = LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS;
-    shared.package_timeout_ns = LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS;
-    shared.stall_timeout_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS;
-    shared.excess_timeout_ns = LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS;
-    shared.silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS;
+    shared.limits.hello_timeout_ns = LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS;
+    shared.limits.package_timeout_ns = LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS;
+    shared.limits.stall_timeout_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS;
+    shared.limits.excess_timeout_ns = LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS;
+    shared.limits.silence_timeout_ns = LW_SERVER_SILENCE_S * SECOND_NS;
     shared.on_open = shared.on_close = note;
     static uint8_t data[LW_SESSION_CHUNK];
     shared.package.chunk = calloc(CHUNKS, sizeof *shared.package.chunk);
@@ -132,7 +132,7 @@ static int start(void **state) {
     return 0;
 }
 
-static int finish(void **state) {
+static int close_sessions(void **state) {
     (void)state;
     while (shared.first) {
         struct lw_session *s = shared.first;
@@ -156,7 +156,7 @@ static int finish(void **state) {
 
 /* Everything that is due, in as many turns as that takes. */
 static void serve(void) {
-    while (shared.due[0].first || shared.due[1].first) lw_turns_serve_due(&shared, UINT64_MAX);
+    while (shared.queues.due[0].first || shared.queues.due[1].first) lw_turns_serve_due(&shared, UINT64_MAX);
 }
 
 /* NULL: there was no room to say no. */
@@ -204,7 +204,7 @@ static void ask_for_package(struct lw_session *s, bool all) {
     serve();
 }
 
-static void look(struct lw_session *s, uint64_t at_ns) {
+static void tick_and_serve(struct lw_session *s, uint64_t at_ns) {
     struct lw_session_waiting unused = {0};
     now_ns = at_ns;
     lw_session_tick(s, now_ns, &unused);
@@ -215,18 +215,18 @@ static bool is_refused(const struct lw_session *s, enum lw_refusal code) {
     return s->state == LW_SESSION_LEAVING && s->refusal == code;
 }
 
-static bool is_told(const struct lw_session *s) {
+static bool has_refusal(const struct lw_session *s) {
     const struct link *link = (const struct link *)s->link;
     return link->last == LW_MESSAGE_REFUSAL && link->code == s->refusal;
 }
 
 /* Nothing happens at this moment, and a refusal a moment later. */
 static void expect_limit(struct lw_session *s, uint64_t at_ns, enum lw_refusal code) {
-    look(s, at_ns);
+    tick_and_serve(s, at_ns);
     if (s->state >= LW_SESSION_LEAVING) fail_msg("refused too early: %s", link_of(s->link)->text);
-    look(s, at_ns + 1);
+    tick_and_serve(s, at_ns + 1);
     assert_true(is_refused(s, code));
-    assert_true(is_told(s) || link_of(s->link)->is_full);
+    assert_true(has_refusal(s) || link_of(s->link)->is_full);
 }
 
 /* ---- time ---- */
@@ -236,7 +236,7 @@ static void test_hello_in_time(void **state) {
     struct lw_session *s = open_one();
     expect_limit(s, START_NS + LW_SERVER_HELLO_TIMEOUT_S * SECOND_NS, LW_REFUSAL_TIMEOUT);
     const uint64_t refused_ns = now_ns;
-    look(s, refused_ns + LW_SERVER_LINGER_S * SECOND_NS);
+    tick_and_serve(s, refused_ns + LW_SERVER_LINGER_S * SECOND_NS);
     assert_false(link_of(s->link)->is_closed);
     struct lw_session_waiting unused = {0};
     struct link *link = link_of(s->link);
@@ -251,10 +251,10 @@ static void test_hello_where_places_are_short(void **state) {
     struct lw_tokens tokens = {0};
     struct lw_session *s[LW_SERVER_KEPT_ONE_IN];
     shared.tokens = &tokens;
-    shared.sessions_max = LW_SERVER_KEPT_ONE_IN; /* one of them is kept */
+    shared.limits.sessions_max = LW_SERVER_KEPT_ONE_IN; /* one of them is kept */
     const uint64_t limit_ns = START_NS + LW_SERVER_CROWDED_HELLO_S * SECOND_NS;
     for (unsigned i = 0; i + 1 < LW_SERVER_KEPT_ONE_IN; i++) s[i] = open_from(i, false);
-    look(s[0], limit_ns + 1); /* it has the usual time */
+    tick_and_serve(s[0], limit_ns + 1); /* it has the usual time */
     assert_int_equal(s[0]->state, LW_SESSION_EXPECTS_HELLO);
     s[LW_SERVER_KEPT_ONE_IN - 1] = open_from(1000, false); /* the kept one */
     expect_limit(s[1], limit_ns, LW_REFUSAL_TIMEOUT);
@@ -265,7 +265,7 @@ static void test_package_in_time(void **state) {
     struct lw_session *s = open_one();
     greet(s);
     for (unsigned at_s = 0; at_s < LW_SERVER_PACKAGE_TIMEOUT_S; at_s += 10) { /* it is not silent */
-        look(s, START_NS + at_s * SECOND_NS);
+        tick_and_serve(s, START_NS + at_s * SECOND_NS);
         say(s, &(struct lw_message){.type = LW_MESSAGE_PONG}, 1);
     }
     expect_limit(s, START_NS + LW_SERVER_PACKAGE_TIMEOUT_S * SECOND_NS, LW_REFUSAL_TIMEOUT);
@@ -277,9 +277,9 @@ static void test_silence(void **state) {
     struct lw_session *s = open_one();
     greet(s);
     ask_for_package(s, false);
-    look(s, START_NS + LW_SERVER_SILENCE_S * SECOND_NS / 2);
+    tick_and_serve(s, START_NS + LW_SERVER_SILENCE_S * SECOND_NS / 2);
     assert_int_not_equal(link_of(s->link)->last, LW_MESSAGE_PING);
-    look(s, now_ns + 1);
+    tick_and_serve(s, now_ns + 1);
     assert_int_equal(link_of(s->link)->last, LW_MESSAGE_PING);
     say(s, &(struct lw_message){.type = LW_MESSAGE_PONG}, 1);
     expect_limit(s, now_ns + LW_SERVER_SILENCE_S * SECOND_NS, LW_REFUSAL_TIMEOUT);
@@ -295,11 +295,11 @@ static void test_stall(void **state) {
     link->bytes = 0;
     ask_for_package(s, true);
     const uint64_t limit_ns = LW_SERVER_STALL_TIMEOUT_S * SECOND_NS;
-    look(s, START_NS);
-    look(s, START_NS + limit_ns);
+    tick_and_serve(s, START_NS);
+    tick_and_serve(s, START_NS + limit_ns);
     assert_int_equal(s->state, LW_SESSION_STREAMING);
     link->bytes--;
-    look(s, now_ns + 1);
+    tick_and_serve(s, now_ns + 1);
     expect_limit(s, START_NS + 2 * limit_ns + 1, LW_REFUSAL_TIMEOUT);
 }
 
@@ -312,16 +312,16 @@ static void test_who_was_slow_may_read_on(void **state) {
     link->is_full = true;
     link->bytes = 0;
     ask_for_package(s, true);
-    look(s, START_NS);
-    look(s, START_NS + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS + 1);
+    tick_and_serve(s, START_NS);
+    tick_and_serve(s, START_NS + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS + 1);
     assert_int_equal(s->state, LW_SESSION_LEAVING);
     const uint64_t refused_ns = now_ns;
     assert_int_not_equal(link->last, LW_MESSAGE_REFUSAL);
     link->is_full = false;
     lw_session_written(s, 0, true);
     serve();
-    assert_true(is_refused(s, LW_REFUSAL_TIMEOUT) && is_told(s));
-    look(s, refused_ns + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS);
+    assert_true(is_refused(s, LW_REFUSAL_TIMEOUT) && has_refusal(s));
+    tick_and_serve(s, refused_ns + LW_SERVER_STALL_TIMEOUT_S * SECOND_NS);
     assert_false(link->is_closed);
     struct lw_session_waiting unused = {0};
     lw_session_tick(s, ++now_ns, &unused);
@@ -341,10 +341,10 @@ static void test_saying_too_much(void **state) {
         assert_false(link_of(s->link)->is_read); /* the rest stays with the peer */
         assert_true(waited_ns <= LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
         waited_ns += SECOND_NS / LW_SERVER_LOOKS_HZ;
-        look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+        tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     }
     assert_true(waited_ns > LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
-    assert_true(is_told(s));
+    assert_true(has_refusal(s));
     assert_string_equal(link_of(s->link)->text, "more than 20 PING a second, for too long");
 }
 
@@ -356,9 +356,9 @@ static void expect_too_much(struct lw_session *s, const char *text) {
     for (; !is_refused(s, LW_REFUSAL_RATE); waited_ns += SECOND_NS / LW_SERVER_LOOKS_HZ) {
         lw_session_count_other(s, LW_MESSAGE_RATES_FRAMES, 1000);
         assert_true(waited_ns <= LW_SERVER_EXCESS_TIMEOUT_S * SECOND_NS);
-        look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+        tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     }
-    assert_true(is_told(s));
+    assert_true(has_refusal(s));
     assert_string_equal(link_of(s->link)->text, text);
 }
 
@@ -378,16 +378,16 @@ static void test_overhead(void **state) {
     greet(s);
     link_of(s->link)->overhead =
         32768 + LW_MESSAGE_RATES_ENVELOPE; /* the HELLO's is no more than there may be */
-    look(s, now_ns);
+    tick_and_serve(s, now_ns);
     assert_true(s->rates.waits);
     link_of(s->link)->overhead = 0;
-    look(s, now_ns + SECOND_NS);
+    tick_and_serve(s, now_ns + SECOND_NS);
     lw_turns_serve_paced(&shared); /* a second has brought enough to go on */
     lw_turns_read_on(&shared);
     assert_true(link_of(s->link)->is_read);
     link_of(s->link)->overhead = 100000;
-    look(s, now_ns);
-    while (s->state < LW_SESSION_LEAVING) look(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
+    tick_and_serve(s, now_ns);
+    while (s->state < LW_SESSION_LEAVING) tick_and_serve(s, now_ns + SECOND_NS / LW_SERVER_LOOKS_HZ);
     assert_string_equal(link_of(s->link)->text, "more than 4096 OVERHEAD a second, for too long");
 }
 
@@ -421,7 +421,7 @@ static void test_messages_of_a_turn(void **state) {
     say(s, &holds, LW_SERVER_TURN_MESSAGES - 1);
     assert_null(s->inbox);
     say(s, &holds, LW_SERVER_TURN_MESSAGES + 1);
-    assert_ptr_equal(s->inbox, &shared.unread);
+    assert_ptr_equal(s->inbox, &shared.queues.unread);
     const double left = s->rates.left[LW_MESSAGE_RATES_HOLDS];
     lw_turns_read_on(&shared); /* the last one has the next turn, and then the peer is read again */
     assert_null(s->inbox);
@@ -531,7 +531,7 @@ static void test_places_of_an_address(void **state) {
 
 static void test_turned_away(void **state) {
     (void)state;
-    shared.sessions_max = 1;
+    shared.limits.sessions_max = 1;
     (void)open_from(0, false);
     unsigned address = 1;
     for (unsigned all = 0; all < LW_SERVER_TURNED_AWAY_MAX; all++) {
@@ -567,10 +567,10 @@ static void test_connecting_too_often(void **state) {
     struct lw_session *s = lw_session_open(&shared, &link->transport, &peer);
     assert_non_null(s);
     serve();
-    assert_true(is_refused(s, LW_REFUSAL_RATE) && is_told(s));
+    assert_true(is_refused(s, LW_REFUSAL_RATE) && has_refusal(s));
     assert_string_equal(link->text, "this address connects too often: 50 times a second at most");
     assert_int_equal(shared.place_count, 0);
-    shared.address_sessions_max = 1; /* there is a least, for browsers, which open several at once */
+    shared.limits.address_sessions_max = 1; /* there is a least, for browsers, which open several at once */
     const struct lw_address third = {{3}, false};
     for (count = 0; lw_session_may_connect(&shared, &third); count++) {
     }
@@ -579,7 +579,7 @@ static void test_connecting_too_often(void **state) {
 
 static void test_turned_away_of_an_address(void **state) {
     (void)state;
-    shared.sessions_max = 1;
+    shared.limits.sessions_max = 1;
     (void)open_from(0, false);
     for (unsigned i = 0; i < LW_SERVER_ADDRESS_TURNED_AWAY_MAX; i++)
         assert_true(is_refused(open_from(1, false), LW_REFUSAL_FULL));
@@ -604,27 +604,27 @@ static void test_waiting_for_light(void **state) {
     lw_waiting_raise(&light, LW_WAITING_PLACING_TEXELS, 1, 2);
     struct lw_session *s = open_one();
     greet(s);
-    look(s, now_ns + SECOND_NS);
+    tick_and_serve(s, now_ns + SECOND_NS);
     expect_waits(s, 0, 0, 0); /* it wants nothing yet */
     ask_for_package(s, false);
     expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
-    const uint64_t told_ns = now_ns, apart_ns = LW_SERVER_WAITING_MS * 1000000ull;
+    const uint64_t sent_ns = now_ns, apart_ns = LW_SERVER_WAITING_MS * 1000000ull;
     lw_waiting_raise(&light, LW_WAITING_LOOKING_INSIDE, 1, 4);
-    look(s, told_ns + apart_ns - 1);
+    tick_and_serve(s, sent_ns + apart_ns - 1);
     expect_waits(s, 1, LW_WAITING_PLACING_TEXELS, 0.5f);
-    look(s, told_ns + apart_ns);
+    tick_and_serve(s, sent_ns + apart_ns);
     expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
-    look(s, now_ns + SECOND_NS);
+    tick_and_serve(s, now_ns + SECOND_NS);
     expect_waits(s, 2, LW_WAITING_LOOKING_INSIDE, 0.25f);
     for (unsigned i = 0; i < 100; i++) {
         lw_waiting_raise(&light, LW_WAITING_FIRST_LIGHT, i + 1, 101);
-        look(s, now_ns + apart_ns / 10);
+        tick_and_serve(s, now_ns + apart_ns / 10);
     }
     expect_waits(s, 12, LW_WAITING_FIRST_LIGHT, 0.9f);
 }
 
 int main(void) {
-#define TEST(name) cmocka_unit_test_setup_teardown(name, start, finish)
+#define TEST(name) cmocka_unit_test_setup_teardown(name, start, close_sessions)
     const struct CMUnitTest tests[] = {
         TEST(test_hello_in_time),
         TEST(test_hello_where_places_are_short),

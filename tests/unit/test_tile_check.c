@@ -62,7 +62,7 @@ static struct lw_message_tile tile_of(const struct world *w, uint32_t tile, uint
                                     .payload_size = w->size[payload]};
 }
 
-static struct lw_tile_finding take(struct world *w, int session, struct lw_message_tile tile) {
+static struct lw_tile_finding check_tile(struct world *w, int session, struct lw_message_tile tile) {
     struct lw_tile_finding finding;
     lw_support_ok(lw_tile_check_take(w->check, &tile, w->known[session], w->held[session], &finding), NULL);
     return finding;
@@ -76,7 +76,7 @@ static void test_good_tiles_are_decoded_once(void **state) {
         for (uint64_t version = 1; version <= 20; version++)
             for (int session = 0; session < 2; session++) {
                 struct lw_tile_finding f =
-                    take(&w, session, tile_of(&w, 3, version, (int)(version % PAYLOADS)));
+                    check_tile(&w, session, tile_of(&w, 3, version, (int)(version % PAYLOADS)));
                 assert_int_equal(f.verdict, LW_TILE_GOOD);
                 assert_int_equal(f.id.v, 3);
                 assert_int_equal(f.before, version - 1);
@@ -93,11 +93,11 @@ static void test_versions_that_were_forgotten(void **state) {
     struct world w;
     init_world(&w, false);
     for (uint64_t version = 1; version <= LW_TILE_CHECK_VERSIONS + 1; version++)
-        assert_int_equal(take(&w, 0, tile_of(&w, 0, version, 0)).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 1, tile_of(&w, 0, 1, 0)).verdict, LW_TILE_GOOD);
+        assert_int_equal(check_tile(&w, 0, tile_of(&w, 0, version, 0)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 1, tile_of(&w, 0, 1, 0)).verdict, LW_TILE_GOOD);
     assert_int_equal(lw_tile_check_decoded(w.check), LW_TILE_CHECK_VERSIONS + 2);
     for (uint64_t version = 2; version <= LW_TILE_CHECK_VERSIONS + 1; version++)
-        assert_int_equal(take(&w, 1, tile_of(&w, 0, version, 0)).verdict, LW_TILE_GOOD);
+        assert_int_equal(check_tile(&w, 1, tile_of(&w, 0, version, 0)).verdict, LW_TILE_GOOD);
     assert_int_equal(lw_tile_check_decoded(w.check), LW_TILE_CHECK_VERSIONS + 2);
     finish_world(&w);
 }
@@ -127,13 +127,13 @@ static void test_deltas(void **state) {
     (void)state;
     struct world w;
     init_world(&w, false);
-    assert_int_equal(take(&w, 0, black_tile(3, 2)).verdict, LW_TILE_DAMAGED); /* it has nothing yet */
-    assert_int_equal(take(&w, 0, black_tile(2, 0)).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 0, black_tile(3, 2)).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 1, black_tile(3, 0)).verdict, LW_TILE_GOOD); /* the same version, whole */
-    assert_int_equal(take(&w, 0, black_tile(5, 4)).verdict, LW_TILE_DAMAGED);
-    assert_int_equal(take(&w, 0, black_tile(4, 3)).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 1, black_tile(4, 3)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, black_tile(3, 2)).verdict, LW_TILE_DAMAGED); /* it has nothing yet */
+    assert_int_equal(check_tile(&w, 0, black_tile(2, 0)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, black_tile(3, 2)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 1, black_tile(3, 0)).verdict, LW_TILE_GOOD); /* the same version, whole */
+    assert_int_equal(check_tile(&w, 0, black_tile(5, 4)).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(check_tile(&w, 0, black_tile(4, 3)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 1, black_tile(4, 3)).verdict, LW_TILE_GOOD);
     assert_int_equal(lw_tile_check_decoded(w.check), 4);
     finish_world(&w);
 }
@@ -171,14 +171,14 @@ static void test_light_of_those_who_are_followed(void **state) {
         delta[v].payload = bytes[v][1];
         delta[v].payload_size = coded.delta_size;
     }
-    assert_int_equal(take(&w, 0, whole[0]).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 0, delta[1]).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 1, whole[1]).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 0, delta[2]).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, whole[0]).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, delta[1]).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 1, whole[1]).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, delta[2]).verdict, LW_TILE_GOOD);
     assert_int_equal(lw_tile_check_decoded(w.check), 4);
     struct lw_message_tile other = whole[0]; /* sound bytes, but not the light of version 3 */
     other.version = 3;
-    assert_int_equal(take(&w, 1, other).verdict, LW_TILE_DIFFERENT);
+    assert_int_equal(check_tile(&w, 1, other).verdict, LW_TILE_DIFFERENT);
     lw_tile_codec_destroy(codec);
     finish_world(&w);
 }
@@ -189,27 +189,27 @@ static void test_bad_tiles(void **state) {
     init_world(&w, false);
     struct lw_message_tile t =
         tile_of(&w, w.map.atlas[0]->level[0].tiles_x * w.map.atlas[0]->level[0].tiles_y, 1, 0);
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_NOWHERE);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_NOWHERE);
     t = tile_of(&w, 0, 1, 0);
     t.object = 1;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_NOWHERE);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_NOWHERE);
     t = tile_of(&w, 0, 1, 0);
     t.level = w.map.atlas[0]->level_count;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_NOWHERE);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_NOWHERE);
     t = tile_of(&w, 0, 1, 0);
     t.codec = 2;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_DAMAGED);
     t = tile_of(&w, 0, 1, 0);
     t.payload_size--;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_DAMAGED);
     t = tile_of(&w, 0, 1, 0);
     t.level = 1; /* 64 x 64 too, but level 2 is not */
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_GOOD);
     t.level = 2;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_DAMAGED);
     t = tile_of(&w, 0, 1, 0);
     t.layer = 1;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_IGNORED);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_IGNORED);
     for (uint32_t i = 0; i < w.map.tile_count; i++)
         assert_int_equal(w.known[0][i], i == w.map.atlas[0]->level[1].first_tile);
     finish_world(&w);
@@ -219,11 +219,11 @@ static void test_versions_only_grow(void **state) {
     (void)state;
     struct world w;
     init_world(&w, false);
-    assert_int_equal(take(&w, 0, tile_of(&w, 2, 5, 0)).verdict, LW_TILE_GOOD);
-    assert_int_equal(take(&w, 0, tile_of(&w, 2, 5, 0)).verdict, LW_TILE_BACKWARDS);
-    assert_int_equal(take(&w, 0, tile_of(&w, 2, 4, 0)).verdict, LW_TILE_BACKWARDS);
+    assert_int_equal(check_tile(&w, 0, tile_of(&w, 2, 5, 0)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, tile_of(&w, 2, 5, 0)).verdict, LW_TILE_BACKWARDS);
+    assert_int_equal(check_tile(&w, 0, tile_of(&w, 2, 4, 0)).verdict, LW_TILE_BACKWARDS);
     assert_int_equal(w.known[0][2], 5);
-    assert_int_equal(take(&w, 1, tile_of(&w, 2, 4, 0)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 1, tile_of(&w, 2, 4, 0)).verdict, LW_TILE_GOOD);
     finish_world(&w);
 }
 
@@ -233,15 +233,15 @@ static void test_one_version_is_one_content(void **state) {
         struct world w;
         init_world(&w, always);
         struct lw_message_tile t = tile_of(&w, 0, 5, 0);
-        assert_int_equal(take(&w, 0, t).verdict, LW_TILE_GOOD);
-        assert_int_equal(take(&w, 1, tile_of(&w, 0, 5, 1)).verdict, LW_TILE_DIFFERENT);
+        assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_GOOD);
+        assert_int_equal(check_tile(&w, 1, tile_of(&w, 0, 5, 1)).verdict, LW_TILE_DIFFERENT);
         t.error = 0.25f;
-        assert_int_equal(take(&w, 1, t).verdict, LW_TILE_DIFFERENT);
+        assert_int_equal(check_tile(&w, 1, t).verdict, LW_TILE_DIFFERENT);
         t = tile_of(&w, 0, 5, 0);
         t.scale *= 2;
-        assert_int_equal(take(&w, 1, t).verdict, LW_TILE_DIFFERENT);
+        assert_int_equal(check_tile(&w, 1, t).verdict, LW_TILE_DIFFERENT);
         assert_int_equal(w.known[1][0], 0);
-        assert_int_equal(take(&w, 1, tile_of(&w, 0, 5, 0)).verdict, LW_TILE_GOOD);
+        assert_int_equal(check_tile(&w, 1, tile_of(&w, 0, 5, 0)).verdict, LW_TILE_GOOD);
         finish_world(&w);
     }
 }
@@ -253,9 +253,9 @@ static void test_damage_is_found_again(void **state) {
     init_world(&w, false);
     struct lw_message_tile t = tile_of(&w, 0, 5, 0);
     t.payload_size--;
-    assert_int_equal(take(&w, 0, t).verdict, LW_TILE_DAMAGED);
-    assert_int_equal(take(&w, 1, t).verdict, LW_TILE_DAMAGED);
-    assert_int_equal(take(&w, 1, tile_of(&w, 0, 5, 0)).verdict, LW_TILE_GOOD);
+    assert_int_equal(check_tile(&w, 0, t).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(check_tile(&w, 1, t).verdict, LW_TILE_DAMAGED);
+    assert_int_equal(check_tile(&w, 1, tile_of(&w, 0, 5, 0)).verdict, LW_TILE_GOOD);
     finish_world(&w);
 }
 

@@ -121,7 +121,7 @@ static void take_pose(struct fixture *f, enum when when) {
         lw_support_ok(lw_trace_set_pose(f->trace, &f->pose, &err), &err);
     else
         lw_support_ok(lw_trace_set_pose_soon(f->trace, &f->pose, &err), &err);
-    if (when == SOON) lw_support_ok(lw_trace_settle(f->trace, true, &err), &err);
+    if (when == SOON) lw_support_ok(lw_trace_take_rebuilt(f->trace, true, &err), &err);
 }
 
 /* What an update has moved or hidden: out of the flattened set, into the instances. */

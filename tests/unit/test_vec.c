@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include "common/base/box.h"
 #include "common/base/random.h"
 #include "common/base/vec.h"
 
@@ -130,6 +131,35 @@ static void a_frame_is_orthonormal_and_right_handed(void **state) {
     }
 }
 
+static void a_box_holds_what_has_been_added_and_no_more(void **state) {
+    (void)state;
+    struct lw_box box = LW_BOX_EMPTY;
+    assert_true(lw_box_is_empty(&box));
+    lw_box_add(&box, &LW_BOX_EMPTY);
+    assert_true(lw_box_is_empty(&box));
+    lw_box_add_point(&box, lw_vec3(1, 2, 3));
+    assert_false(lw_box_is_empty(&box));
+    assert_vec_near(lw_box_size(&box), lw_vec3(0, 0, 0), 0);
+    lw_box_add(&box, &(struct lw_box){{-1, 4, 3}, {0, 6, 7}});
+    assert_vec_near(lw_box_size(&box), lw_vec3(2, 4, 4), 0);
+    assert_vec_near(lw_box_middle(&box), lw_vec3(0, 4, 5), 0);
+    assert_near(lw_box_radius(&box), 3, 0);
+    assert_true(lw_box_holds(&box, lw_vec3(1, 6, 7), 0));
+    assert_false(lw_box_holds(&box, lw_vec3(1, 6.5f, 7), 0.25f));
+    assert_true(lw_box_holds(&box, lw_vec3(1, 6.5f, 7), 0.5f));
+    assert_near(lw_box_distance(&box, lw_vec3(0.5f, 3, 4)), 0, 0);
+    assert_near(lw_box_distance(&box, lw_vec3(4, 3, -1)), 5, 0);
+}
+
+static void a_moved_box_holds_its_corners(void **state) {
+    (void)state;
+    const struct lw_box box = {{0, 0, 0}, {2, 1, 1}};
+    const struct lw_affine turn = {{{0, -1, 0, 10}, {1, 0, 0, 0}, {0, 0, 1, 0}}}; /* x to y, y to -x */
+    const struct lw_box moved = lw_box_moved(&turn, &box);
+    assert_vec_near(moved.low, lw_vec3(9, 0, 0), 0);
+    assert_vec_near(moved.high, lw_vec3(10, 2, 1), 0);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(products_follow_their_definitions),
@@ -139,6 +169,8 @@ int main(void) {
         cmocka_unit_test(normals_stay_perpendicular_and_outward),
         cmocka_unit_test(twice_the_area_has_the_sign_of_the_turn),
         cmocka_unit_test(a_frame_is_orthonormal_and_right_handed),
+        cmocka_unit_test(a_box_holds_what_has_been_added_and_no_more),
+        cmocka_unit_test(a_moved_box_holds_its_corners),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

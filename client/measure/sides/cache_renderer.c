@@ -154,8 +154,8 @@ static enum lw_status set_first_interest(struct cache_renderer *c, uint64_t fram
     return status == LW_OK && any && !c->viewers.wants_everything ? await_interest(c, err) : status;
 }
 
-static enum lw_status show(struct cache_renderer *c, uint64_t frame, const uint32_t *shown,
-                           uint32_t shown_count, struct lw_cost *cost, struct lw_error *err) {
+static enum lw_status render_views(struct cache_renderer *c, uint64_t frame, const uint32_t *shown,
+                                   uint32_t shown_count, struct lw_cost *cost, struct lw_error *err) {
     const double users = c->viewers.count;
     uint64_t began = lw_clock_process_cpu_ns();
     enum lw_status status = lw_viewers_follow(&c->viewers, err);
@@ -195,7 +195,7 @@ static enum lw_status step(struct lw_renderer *renderer, uint64_t frame, const u
     if (c->server_cpu_s > 0) cost->cpu_s[LW_STAGE_BETWEEN] += server_cpu_s - c->server_cpu_s - reported_s;
     c->server_cpu_s = server_cpu_s;
     if (status == LW_OK) status = need_pictures(c, shown_count, err);
-    if (status == LW_OK && shown_count) status = show(c, frame, shown, shown_count, cost, err);
+    if (status == LW_OK && shown_count) status = render_views(c, frame, shown, shown_count, cost, err);
     return status;
 }
 

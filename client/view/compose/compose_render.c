@@ -132,8 +132,9 @@ static void place_block(const struct lw_compose_view *view, uint32_t x, uint32_t
 }
 
 /* Puts a packet into the picture. */
-static void show(struct lw_compose *compose, const struct lw_compose_view *view,
-                 const struct lw_compose_packet *p, const struct lw_compose_pixels *at, float *out_rgb) {
+static void write_packet(struct lw_compose *compose, const struct lw_compose_view *view,
+                         const struct lw_compose_packet *p, const struct lw_compose_pixels *at,
+                         float *out_rgb) {
     if (!compose->surveys) note_shown(compose, p, at->active);
     for (unsigned i = 0; i < LW_TRACE_WIDTH; i++) {
         if (!(at->active >> i & 1u)) continue;
@@ -149,7 +150,7 @@ static void render_block(struct lw_compose *compose, const struct lw_compose_vie
     struct lw_compose_pixels at;
     place_block(view, x, y, &at);
     render_packet(compose, view, plane, &at, patches, &p);
-    show(compose, view, &p, &at, out_rgb);
+    write_packet(compose, view, &p, &at, out_rgb);
 }
 
 static bool is_any(struct lw_vec3 v) { return v.x + v.y + v.z > 0; }
@@ -244,7 +245,7 @@ static void render_lit_tile(struct lw_compose *compose, const struct lw_compose_
                     &w->at[b]);
     render_lit(compose, view, plane, patches, w);
     for (uint32_t b = 0; b < LW_DIRECT_TILE_BLOCKS; b++)
-        if (w->at[b].active) show(compose, view, &w->packet[b], &w->at[b], out_rgb);
+        if (w->at[b].active) write_packet(compose, view, &w->packet[b], &w->at[b], out_rgb);
 }
 
 void lw_compose_render_tiles(struct lw_compose *compose, const struct lw_compose_view *view,

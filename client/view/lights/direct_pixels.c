@@ -9,10 +9,6 @@
 
 #define LANES LW_DIRECT_LANES
 
-struct lw_direct_box {
-    struct lw_vec3 low, high;
-};
-
 static bool has_blend(const struct lw_scene *scene) {
     for (uint32_t m = 0; m < scene->material_count; m++)
         if (scene->material[m].alpha_mode == LW_ALPHA_BLEND) return true;
@@ -32,37 +28,22 @@ static bool materials_differ(const struct lw_direct_pixels *d) {
     return false;
 }
 
-static struct lw_vec3 least(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fminf(a.x, b.x), fminf(a.y, b.y), fminf(a.z, b.z));
-}
-static struct lw_vec3 most(struct lw_vec3 a, struct lw_vec3 b) {
-    return lw_vec3(fmaxf(a.x, b.x), fmaxf(a.y, b.y), fmaxf(a.z, b.z));
-}
-
-static struct lw_direct_box mesh_box(const struct lw_mesh *mesh) {
-    struct lw_direct_box box = {mesh->position[0], mesh->position[0]};
-    for (uint32_t v = 1; v < mesh->vertex_count; v++)
-        box = (struct lw_direct_box){least(box.low, mesh->position[v]), most(box.high, mesh->position[v])};
+static struct lw_box mesh_box(const struct lw_mesh *mesh) {
+    struct lw_box box = LW_BOX_EMPTY;
+    for (uint32_t v = 0; v < mesh->vertex_count; v++) lw_box_add_point(&box, mesh->position[v]);
     return box;
 }
 
 /* Whether a mesh at a place may come within a distance of a point. */
-static bool is_close(const struct lw_direct_box *box, const struct lw_affine *to_world, struct lw_vec3 point,
+static bool is_close(const struct lw_box *box, const struct lw_affine *to_world, struct lw_vec3 point,
                      float m) {
-    struct lw_vec3 low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
-    for (int k = 0; k < 8; k++) {
-        const struct lw_vec3 corner = lw_affine_point(to_world, lw_vec3(k & 1 ? box->high.x : box->low.x,
-                                                                        k & 2 ? box->high.y : box->low.y,
-                                                                        k & 4 ? box->high.z : box->low.z));
-        low = least(low, corner), high = most(high, corner);
-    }
-    return point.x >= low.x - m && point.y >= low.y - m && point.z >= low.z - m && point.x <= high.x + m &&
-           point.y <= high.y + m && point.z <= high.z + m;
+    const struct lw_box box_ws = lw_box_moved(to_world, box);
+    return lw_box_holds(&box_ws, point, m);
 }
 
 /* Marks the clusters of an object as out of date, and those close to its old or new place. */
 static void mark_close(struct lw_direct_pixels *d, uint32_t object, const struct lw_affine *now) {
-    const struct lw_direct_box *box = &d->box[d->desc.scene->object[object].mesh];
+    const struct lw_box *box = &d->box[d->desc.scene->object[object].mesh];
     for (uint32_t i = 0; i < d->clusters.count; i++) {
         const struct lw_emitter_cluster *c = &d->clusters.cluster[i];
         const uint32_t own = d->lights.emitter[d->clusters.side[c->first].emitter].object;

@@ -18,6 +18,7 @@
 #include "client/view/lights/direct_pixels.h"
 #include "client/view/lights/direct_tile.h"
 #include "client/view/lights/emitter_clusters.h"
+#include "common/base/box.h"
 #include "common/light/lights16.h"
 
 #define LW_DIRECT_LANES    LW_TRACE_WIDTH
@@ -45,8 +46,6 @@ struct lw_direct_candidates {
 /* Directions of a sun's shadow rays. */
 typedef struct lw_vec3 lw_direct_sun[LW_DIRECT_VARIANTS][LW_DIRECT_SAMPLES][LW_DIRECT_LANES];
 
-struct lw_direct_box;
-
 struct lw_direct_pixels {
     struct lw_direct_pixels_desc desc;
     struct lw_client_lights drawn; /* desc.drawn, by value: its owner may move */
@@ -55,14 +54,14 @@ struct lw_direct_pixels {
     bool ready; /* lights and clusters are there */
     bool fresh; /* the clusters have no place yet */
     struct lw_direct_candidates candidates;
-    float *memory;             /* holds the candidates' numbers */
-    uint32_t capacity;         /* in candidates */
-    struct lw_affine *place;   /* per object: where its emitters were at the last picture */
-    bool *hidden;              /* per object */
-    struct lw_direct_box *box; /* per mesh, object space */
-    bool *dirty;               /* per cluster: its place is out of date */
-    float (*emission)[3];      /* per material */
-    bool blends;               /* there are surfaces that let part of the light pass */
+    float *memory;           /* holds the candidates' numbers */
+    uint32_t capacity;       /* in candidates */
+    struct lw_affine *place; /* per object: where its emitters were at the last picture */
+    bool *hidden;            /* per object */
+    struct lw_box *box;      /* per mesh, object space */
+    bool *dirty;             /* per cluster: its place is out of date */
+    float (*emission)[3];    /* per material */
+    bool blends;             /* there are surfaces that let part of the light pass */
     float white;
     float point[LW_DIRECT_VARIANTS][LW_DIRECT_SAMPLES][LW_DIRECT_LANES][2];
     lw_direct_sun *sun; /* per candidate that is a sun */

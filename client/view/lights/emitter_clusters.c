@@ -1,5 +1,6 @@
 #include "client/view/lights/emitter_clusters.h"
 
+#include "common/base/box.h"
 #include "common/base/cdf.h"
 #include "common/base/colour.h"
 #include "common/base/random.h"
@@ -100,36 +101,22 @@ static void join_touching(struct search *s) {
     join_neighbours(s, n);
 }
 
-/* Box of a piece. */
-struct box {
-    struct lw_vec3 low, high;
-};
-
-static void widen(struct box *box, struct lw_vec3 p) {
-    box->low = lw_vec3(fminf(box->low.x, p.x), fminf(box->low.y, p.y), fminf(box->low.z, p.z));
-    box->high = lw_vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
-}
-
 static struct lw_vec3 emitter_corner(const struct lw_emitter *e, int k) {
     return k == 0 ? e->corner : lw_vec3_add(e->corner, k == 1 ? e->edge_u : e->edge_v);
 }
 
-static const struct box no_box = {.low = {INFINITY, INFINITY, INFINITY},
-                                  .high = {-INFINITY, -INFINITY, -INFINITY}};
-
 /* Small pieces that share a cell of a grid. */
-static void join_close(struct search *s, struct box *box) {
+static void join_close(struct search *s, struct lw_box *box) {
     const struct lw_lights *lights = s->lights;
     size_t n = 0;
-    for (uint32_t i = 0; i < s->count; i++) box[root_of(s->parent, s->emitter[i])] = no_box;
+    for (uint32_t i = 0; i < s->count; i++) box[root_of(s->parent, s->emitter[i])] = LW_BOX_EMPTY;
     for (uint32_t i = 0; i < s->count; i++)
         for (int k = 0; k < 3; k++)
-            widen(&box[root_of(s->parent, s->emitter[i])],
-                  emitter_corner(&lights->emitter[s->emitter[i]], k));
+            lw_box_add_point(&box[root_of(s->parent, s->emitter[i])],
+                             emitter_corner(&lights->emitter[s->emitter[i]], k));
     for (uint32_t i = 0; i < s->count; i++) {
         const uint32_t e = s->emitter[i];
-        const struct lw_vec3 side = lw_vec3_sub(box[e].high, box[e].low),
-                             middle = lw_vec3_scale(lw_vec3_add(box[e].low, box[e].high), 0.5f);
+        const struct lw_vec3 side = lw_box_size(&box[e]), middle = lw_box_middle(&box[e]);
         if (s->parent[e] != e || !(lw_vec3_max_abs(side) <= TOGETHER_M)) continue;
         s->corner[n++] = (struct corner){
             lights->emitter[e].object,     material_of(lights, e),        e,
@@ -400,13 +387,13 @@ static void shade_map(struct lw_emitter_cluster *cluster, const struct lw_trace 
 /* ---- a cluster ---- */
 
 static void enclose(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {
-    struct box box = no_box;
+    struct lw_box box = LW_BOX_EMPTY;
     const struct lw_lights *lights = clusters->lights;
     for (uint32_t i = cluster->first; i < cluster->first + cluster->count; i++)
         for (int k = 0; k < 3; k++)
-            widen(&box, emitter_corner(&lights->emitter[clusters->side[i].emitter], k));
-    cluster->centre = lw_vec3_scale(lw_vec3_add(box.low, box.high), 0.5f);
-    cluster->radius_m = 0.5f * lw_vec3_length(lw_vec3_sub(box.high, box.low));
+            lw_box_add_point(&box, emitter_corner(&lights->emitter[clusters->side[i].emitter], k));
+    cluster->centre = lw_box_middle(&box);
+    cluster->radius_m = lw_box_radius(&box);
 }
 
 static void colour_cluster(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {
@@ -465,7 +452,7 @@ enum lw_status lw_emitter_clusters_init(struct lw_emitter_clusters *clusters,
     const size_t count = lights->emitter_count + 1ul;
     enum lw_status status = LW_NO_MEMORY;
     struct search s = {.lights = lights, .count = lights->emitter_count};
-    struct box *box = malloc(count * sizeof *box);
+    struct lw_box *box = malloc(count * sizeof *box);
     s.emitter = malloc(count * sizeof *s.emitter);
     s.parent = malloc(count * sizeof *s.parent);
     s.corner = malloc(3 * count * sizeof *s.corner);

@@ -77,15 +77,15 @@ void lw_seeker_destroy(struct lw_seeker *seeker) {
     free(seeker);
 }
 
-static void wait_for_the_next(struct lw_seeker *seeker, uint32_t told_ms) {
-    seeker->next_ns =
-        lw_clock_ns() + lw_client_return_ms(told_ms, seeker->attempt++, (uint32_t)getpid()) * 1000000ull;
+static void wait_for_the_next(struct lw_seeker *seeker, uint32_t retry_after_ms) {
+    seeker->next_ns = lw_clock_ns() +
+                      lw_client_return_ms(retry_after_ms, seeker->attempt++, (uint32_t)getpid()) * 1000000ull;
 }
 
-void lw_seeker_start(struct lw_seeker *seeker, uint32_t told_ms) {
+void lw_seeker_start(struct lw_seeker *seeker, uint32_t retry_after_ms) {
     if (seeker->seeking) return;
     seeker->seeking = true;
-    wait_for_the_next(seeker, told_ms);
+    wait_for_the_next(seeker, retry_after_ms);
 }
 
 struct lw_client *lw_seeker_take(struct lw_seeker *seeker) {

@@ -22,8 +22,8 @@ LW_MUST_CHECK enum lw_status lw_seeker_connect(const struct lw_seeker *seeker, u
 /** Waits for an attempt that is under way. */
 void lw_seeker_destroy(struct lw_seeker *seeker);
 
-/** Begins to look, with pauses as lw_client_return_ms() has them; told_ms: as the server said. */
-void lw_seeker_start(struct lw_seeker *seeker, uint32_t told_ms);
+/** Begins to look, with pauses as lw_client_return_ms() has them; retry_after_ms: as the server said. */
+void lw_seeker_start(struct lw_seeker *seeker, uint32_t retry_after_ms);
 
 /** Call often. Returns the client once there is one, the caller's from then on; otherwise NULL. */
 struct lw_client *lw_seeker_take(struct lw_seeker *seeker);

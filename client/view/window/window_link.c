@@ -4,6 +4,7 @@
 #include "client/view/window/window_compare.h"
 #include "client/view/window/window_panels.h"
 #include "client/view/window/window_screen.h"
+#include "common/base/host_port.h"
 #include "common/base/log.h"
 
 #include <stdio.h>
@@ -139,7 +140,7 @@ enum lw_status lw_window_link_shown(struct lw_window *w, struct lw_error *err) {
 
 enum lw_status lw_window_link_connect(struct lw_window *w, uint16_t port, struct lw_error *err) {
     const struct lw_view_options *o = w->options;
-    snprintf(w->address, sizeof w->address, strchr(o->host, ':') ? "[%s]:%u" : "%s:%u", o->host, port);
+    lw_host_port_format(w->address, sizeof w->address, o->host, port);
     enum lw_status status = lw_seeker_create(o->host, port, &o->access, CLIENT_NAME, o->cache_folder,
                                              o->draws_direct, &w->seeker, err);
     if (status != LW_OK) return status;

@@ -2,7 +2,7 @@
 // already.
 import { LimitError, ProtocolError } from './failure.ts';
 import type { Tiles } from './tiles.ts';
-import type { Told } from './wire.ts';
+import type { AnnouncedPackage } from './wire.ts';
 
 /** A page has no more memory than this for a package. */
 const PACKAGE_MAX = 2 ** 30;
@@ -34,31 +34,31 @@ export class Download {
   private chunks: Uint8Array[] = [];
 
   constructor(
-    private readonly told: Told,
+    private readonly announced: AnnouncedPackage,
     private readonly run: bigint,
     private readonly what: string,
     private readonly tiles: Tiles,
     private readonly store: PartStore,
   ) {
-    const megabytes = Math.ceil(told.size / 2 ** 20);
-    if (told.size > PACKAGE_MAX)
+    const megabytes = Math.ceil(announced.size / 2 ** 20);
+    if (announced.size > PACKAGE_MAX)
       throw new LimitError(`the ${what} has ${megabytes} MB, more than a page takes`);
     try {
-      this.bytes = new Uint8Array(told.size);
+      this.bytes = new Uint8Array(announced.size);
     } catch {
       throw new LimitError(`this page has no memory for a ${what} of ${megabytes} MB`);
     }
     let begin = 0;
     let compressedBegin = 0;
-    for (const { size, compressedSize, hash } of told.parts) {
+    for (const { size, compressedSize, hash } of announced.parts) {
       this.slots.push({ hash, begin, size, compressedBegin, compressedSize, held: false });
       begin += size;
       compressedBegin += compressedSize;
     }
   }
 
-  isOf(told: Told, run: bigint): boolean {
-    return hex(told.hash) === hex(this.told.hash) && run === this.run && !!run;
+  isOf(announced: AnnouncedPackage, run: bigint): boolean {
+    return hex(announced.hash) === hex(this.announced.hash) && run === this.run && !!run;
   }
 
   private fail(what: string): never {
@@ -94,12 +94,12 @@ export class Download {
 
   private received(): number {
     const slot = this.slots[this.at];
-    return slot ? slot.compressedBegin + this.inSlot : this.told.compressedSize;
+    return slot ? slot.compressedBegin + this.inSlot : this.announced.compressedSize;
   }
 
   /** 0 to 1. */
   progress(): number {
-    return this.received() / this.told.compressedSize;
+    return this.received() / this.announced.compressedSize;
   }
 
   add(offset: number, data: Uint8Array): void {
@@ -134,7 +134,7 @@ export class Download {
   /** The package, once all of it is there and has the hash that was announced. */
   finished(): Uint8Array<ArrayBuffer> | null {
     if (this.at < this.slots.length) return null;
-    if (hex(this.tiles.hash(this.bytes)) !== hex(this.told.hash))
+    if (hex(this.tiles.hash(this.bytes)) !== hex(this.announced.hash))
       this.fail('it is not the one that was promised');
     return this.bytes;
   }

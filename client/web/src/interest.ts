@@ -1,14 +1,14 @@
-// interest.ts: the client's interest set, what the server was told of it, and when to tell it again; as
+// interest.ts: the client's interest set, what the server was sent of it, and when to send it again; as
 // client/lib/interest.h.
 
-const TELL_MS = 100; // the server is told no more often
-const SHED_MS = 2000; // the server is told of a few tiles that left the set by then
+const TELL_MS = 100; // no more often
+const SHED_MS = 2000; // a few tiles that left the set are sent by then
 const SHED_ONE = 8; // a few: under one tile in SHED_ONE
 
 export class Interest {
   private now = new Uint32Array(0); // sorted, each once
-  private told: Uint32Array | null = null; // null: nothing yet
-  private toldMs = -Infinity;
+  private sent: Uint32Array | null = null; // null: nothing yet
+  private sentMs = -Infinity;
 
   set(ids: Uint32Array): void {
     this.now = Uint32Array.from(new Set(ids)).sort();
@@ -18,23 +18,23 @@ export class Interest {
     return this.now;
   }
 
-  /** A session begins: the server was told that nothing is wanted. The set may follow at once. */
+  /** A session begins: an empty set counts as sent. The set may follow at once. */
   begin(): void {
-    this.told = new Uint32Array(0);
-    this.toldMs = -Infinity;
+    this.sent = new Uint32Array(0);
+    this.sentMs = -Infinity;
   }
 
-  /** The server was told something else than the set. */
+  /** The server has another set than this one. */
   forget(): void {
-    this.told = null;
-    this.toldMs = -Infinity;
+    this.sent = null;
+    this.sentMs = -Infinity;
   }
 
   isDue(nowMs: number): boolean {
-    if (!this.told) return true;
-    const since = nowMs - this.toldMs;
+    if (!this.sent) return true;
+    const since = nowMs - this.sentMs;
     if (since < TELL_MS) return false;
-    const before = this.told;
+    const before = this.sent;
     let at = 0;
     for (const id of this.now) {
       while (at < before.length && before[at]! < id) at++;
@@ -45,7 +45,7 @@ export class Interest {
   }
 
   tell(nowMs: number): void {
-    this.told = this.now;
-    this.toldMs = nowMs;
+    this.sent = this.now;
+    this.sentMs = nowMs;
   }
 }

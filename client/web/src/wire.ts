@@ -227,8 +227,8 @@ export interface Part {
   hash: Uint8Array;
 }
 
-/** A package as a server tells it. */
-export interface Told {
+/** A package as a server announces it. */
+export interface AnnouncedPackage {
   hash: Uint8Array;
   size: number;
   compressedSize: number;
@@ -238,19 +238,19 @@ export interface Told {
 export interface Welcome {
   features: bigint;
   name: string;
-  package: Told;
+  package: AnnouncedPackage;
   bounces: number;
   targetError: number;
   run: bigint;
   noiseShown: number;
   clientLights: Uint8Array;
   clientMaterials: Uint8Array;
-  finish: Told | null;
+  finish: AnnouncedPackage | null;
   servers: string; // other ones of this light, apart by commas
   finer: number; // levels that are finer than level 0
 }
 
-const untold = (): Told => ({ hash: new Uint8Array(0), size: 0, compressedSize: 0, parts: [] });
+const noPackage = (): AnnouncedPackage => ({ hash: new Uint8Array(0), size: 0, compressedSize: 0, parts: [] });
 
 /** The three lists of parts of a package, as they are read. */
 class PartLists {
@@ -272,7 +272,7 @@ class PartLists {
     return true;
   }
 
-  into(r: Reader, of: Told): void {
+  into(r: Reader, of: AnnouncedPackage): void {
     const { sizes, compressed, hashes } = this;
     if (compressed.length !== sizes.length || hashes.length !== 16 * sizes.length)
       r.fail('the lists of parts have different lengths');
@@ -300,7 +300,7 @@ export function readWelcome(body: Uint8Array): Welcome {
   const w: Welcome = {
     features: 0n,
     name: '',
-    package: untold(),
+    package: noPackage(),
     bounces: 0,
     targetError: 0,
     run: 0n,
@@ -311,7 +311,7 @@ export function readWelcome(body: Uint8Array): Welcome {
     servers: '',
     finer: 0,
   };
-  const finish = untold();
+  const finish = noPackage();
   let version = 0;
   const parts = new PartLists(11, PARTS_MAX);
   const finishParts = new PartLists(20, FINISH_PARTS_MAX);

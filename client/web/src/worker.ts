@@ -282,12 +282,12 @@ class Link {
     post({ kind: 'state', text, final: true, ...(FOR_THREE && { end }) });
   }
 
-  private reconnect(text: string, toldMs = 0): void {
+  private reconnect(text: string, retryAfterMs = 0): void {
     if (this.over) return;
     this.drop();
     post({ kind: 'state', text: `${text}; trying again`, final: false });
     clearTimeout(this.retry);
-    const waitMs = toldMs ? toldMs * (1 + Math.random() / 2) : this.retryMs * Math.random();
+    const waitMs = retryAfterMs ? retryAfterMs * (1 + Math.random() / 2) : this.retryMs * Math.random();
     this.retry = setTimeout(() => {
       this.servers.next();
       this.connect();

@@ -180,7 +180,7 @@ export class Lightwell {
   private wait = waitingText(null); // for the first light, in words
   private over = false; // no more from the server
   private disposed = false;
-  private told = { state: 'connecting' as LightwellState, text: '' };
+  private reported = { state: 'connecting' as LightwellState, text: '' };
   private frameNumber = 0;
   /** Names of nodes of the server's scene that the three.js scene does not have. */
   readonly missing: string[] = [];
@@ -230,7 +230,7 @@ export class Lightwell {
 
   /** What becomes of the light; onState tells each change. */
   get state(): LightwellState {
-    return this.told.state;
+    return this.reported.state;
   }
 
   /** How many levels of lightmaps are finer than level 0; 0: none was asked for, or the server has none. */
@@ -309,8 +309,8 @@ export class Lightwell {
   }
 
   private say(state: LightwellState, text = ''): void {
-    if (this.over || (this.told.state === state && this.told.text === text)) return;
-    this.told = { state, text };
+    if (this.over || (this.reported.state === state && this.reported.text === text)) return;
+    this.reported = { state, text };
     this.options.onState?.(state, text);
   }
 
@@ -321,7 +321,7 @@ export class Lightwell {
     const leftMs = this.heardMs + limitMs - performance.now();
     if (this.settle && !this.isWaitingForServer()) this.heardMs = performance.now();
     else if (leftMs <= 0) {
-      const why = this.told.text ? `: ${this.told.text.replace('; trying again', '')}` : '';
+      const why = this.reported.text ? `: ${this.reported.text.replace('; trying again', '')}` : '';
       return this.stop(
         new LightwellError(
           'timeout',
@@ -334,7 +334,7 @@ export class Lightwell {
   }
 
   private isWaitingForServer(): boolean {
-    return this.told.state === 'connecting' || this.told.state === 'receiving';
+    return this.reported.state === 'connecting' || this.reported.state === 'receiving';
   }
 
   /** No more comes. Before the first light attach() rejects. */
@@ -368,7 +368,7 @@ export class Lightwell {
       this.options.onWaiting?.({ stage: STAGES[stage] ?? 'other', share });
       this.wait = waitingText(message.waiting);
       // it may come before the scene
-      if (this.told.state === 'lighting' && stage !== READY) this.say('lighting', this.wait);
+      if (this.reported.state === 'lighting' && stage !== READY) this.say('lighting', this.wait);
     } else if (message.kind === 'scene') this.takeScene(message);
     else if (message.kind === 'frame') this.takeFrame(message.frame, message.visible);
     else if (message.kind === 'tiles') {

@@ -37,7 +37,7 @@ static void give(struct block *block) {
     }
 }
 
-static struct block *take(size_t units) {
+static struct block *take_free_block(size_t units) {
     for (struct block **at = &first; *at; at = &(*at)->next) {
         struct block *block = *at;
         if (block->units < units) continue;
@@ -56,7 +56,7 @@ static struct block *take(size_t units) {
 static void *allocate(size_t size) {
     if (size > SIZE_MAX / 2) return NULL;
     const size_t units = (size + UNIT - 1) / UNIT + 1;
-    struct block *block = take(units);
+    struct block *block = take_free_block(units);
     if (block) return block + 1;
     const size_t needed = units / (PAGE / UNIT) + 1, pages = needed > GROW_PAGES ? needed : GROW_PAGES,
                  end = __builtin_wasm_memory_grow(0, pages);
@@ -64,7 +64,7 @@ static void *allocate(size_t size) {
     block = (struct block *)(end * PAGE);
     block->units = pages * (PAGE / UNIT);
     give(block);
-    return take(units) + 1;
+    return take_free_block(units) + 1;
 }
 
 void *malloc(size_t size) { return allocate(size); }

@@ -21,9 +21,9 @@ bool lw_peer_log_allows(struct lw_peer_log *log, const struct lw_address *addres
 void lw_peer_log_tell(struct lw_peer_log *log, uint64_t now_ns) {
     uint64_t others = 0;
     unsigned lines = 0;
-    LW_INVARIANT(now_ns >= log->told_ns);
-    if (now_ns - log->told_ns < LW_PEER_LOG_TELL_S * 1000000000ull) return;
-    log->told_ns = now_ns;
+    LW_INVARIANT(now_ns >= log->logged_ns);
+    if (now_ns - log->logged_ns < LW_PEER_LOG_TELL_S * 1000000000ull) return;
+    log->logged_ns = now_ns;
     for (unsigned i = 0; i < LW_PEER_LOG_SLOTS; i++) {
         struct lw_peer_log_slot *slot = &log->slot[i];
         if (!slot->left_out) continue;

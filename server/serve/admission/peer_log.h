@@ -18,7 +18,7 @@
 /** Zero but for seed has said nothing. */
 struct lw_peer_log {
     uint64_t seed;
-    uint64_t told_ns;
+    uint64_t logged_ns;
     struct lw_peer_log_slot {
         struct lw_leaky_bucket bucket; /* counts lines */
         uint64_t left_out;

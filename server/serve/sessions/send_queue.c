@@ -32,7 +32,8 @@ static struct lw_blob *next_ping(struct lw_session *s) {
 /* Reports why there is no light for the peer yet, at most once a look, and then that there is light. A
  * session that has light from the start gets no report. */
 static struct lw_blob *next_waiting(struct lw_session *s) {
-    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
+    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING ||
+        s->sent_waiting.stage == LW_WAITING_READY)
         return NULL;
     struct lw_waiting_state now = {LW_WAITING_READY, 1};
     if (!lw_tile_stream_has_light(s)) {
@@ -41,14 +42,14 @@ static struct lw_blob *next_waiting(struct lw_session *s) {
         now = lw_waiting_read(s->shared->first_light);
         /* ready: the peer's channels come with the next frame */
         if (now.stage == LW_WAITING_UNKNOWN || now.stage == LW_WAITING_READY) return NULL;
-    } else if (s->told.stage == LW_WAITING_UNKNOWN) {
+    } else if (s->sent_waiting.stage == LW_WAITING_UNKNOWN) {
         return NULL;
     }
     struct lw_blob *blob = NULL;
     struct lw_message message = {.type = LW_MESSAGE_WAITING, .waiting = {now.stage, now.share}};
     if (lw_blob_from_message(&message, &blob) != LW_OK) return NULL; /* the next look finds it again */
-    s->told = now;
-    s->told_ns = lw_clock_ns();
+    s->sent_waiting = now;
+    s->sent_waiting_ns = lw_clock_ns();
     return blob;
 }
 
@@ -117,12 +118,6 @@ bool lw_send_queue_start(struct lw_session_sending *sending, const struct lw_ses
     skip_held(sending);
     LW_INVARIANT(sending->next <= package->chunk_count);
     return true;
-}
-
-void lw_send_queue_finish_sending(struct lw_session_sending *sending) {
-    lw_blob_unref(sending->partial);
-    free(sending->held);
-    *sending = (struct lw_session_sending){0};
 }
 
 /* Finishes never delay the first light, and later they leave tiles most of a full link. */

@@ -46,18 +46,18 @@ static void link_session(struct lw_session *s) {
 }
 
 static uint32_t address_share(const struct lw_session_shared *shared, const struct lw_address *at) {
-    return shared->address_sessions_max ? shared->address_sessions_max
-                                        : lw_address_places_share(at, shared->sessions_max);
+    return shared->limits.address_sessions_max ? shared->limits.address_sessions_max
+                                               : lw_address_places_share(at, shared->limits.sessions_max);
 }
 
 uint32_t lw_session_kept_places(const struct lw_session_shared *shared) {
-    return shared->tokens ? shared->sessions_max / LW_SERVER_KEPT_ONE_IN : 0;
+    return shared->tokens ? shared->limits.sessions_max / LW_SERVER_KEPT_ONE_IN : 0;
 }
 
 bool lw_session_is_crowded(const struct lw_session_shared *shared) {
     LW_INVARIANT(shared->control_count <= shared->place_count);
     return shared->place_count - shared->control_count >
-           shared->sessions_max - lw_session_kept_places(shared);
+           shared->limits.sessions_max - lw_session_kept_places(shared);
 }
 
 /* A place lasts until the link is closed: a refused peer that lingers has one still. Without one there is
@@ -67,7 +67,7 @@ static bool take_place(struct lw_session *s) {
     const struct lw_address *at = &s->peer.at;
     enum lw_status status = LW_UNAVAILABLE;
     if (s->peer.is_local) return true;
-    if (!s->peer.is_too_many && shared->place_count < shared->sessions_max)
+    if (!s->peer.is_too_many && shared->place_count < shared->limits.sessions_max)
         status = lw_address_places_take(&shared->places, at, address_share(shared, at));
     if (status == LW_OK) {
         s->has_place = true;
@@ -78,7 +78,7 @@ static bool take_place(struct lw_session *s) {
         shared->turned_away_count++;
     }
     LW_INVARIANT(!(s->has_place && s->is_turned_away));
-    LW_INVARIANT(shared->place_count <= shared->sessions_max &&
+    LW_INVARIANT(shared->place_count <= shared->limits.sessions_max &&
                  shared->turned_away_count <= LW_SERVER_TURNED_AWAY_MAX);
     return s->has_place || s->is_turned_away;
 }
@@ -119,7 +119,7 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
         return NULL;
     }
     s->input.body_max = LW_FRAMING_CLIENT_BODY_MAX;
-    s->take[s->take_count++].channel = &shared->channel[LW_LIGHT_FORM_FULL];
+    s->take[s->take_count++].channel = &shared->channels.at[LW_LIGHT_FORM_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = s->looked_ns = s->heard_ns = s->progress_ns = lw_clock_ns();
@@ -130,12 +130,17 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
     if (s->is_turned_away && peer->is_too_many)
         lw_session_refuse(s, LW_REFUSAL_RATE, "this address connects too often: %u times a second at most",
                           connections_at_once(shared, &peer->at) / LW_SERVER_CONNECTIONS_REFILL_S);
-    else if (s->is_turned_away && shared->place_count >= shared->sessions_max)
-        lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->sessions_max);
+    else if (s->is_turned_away && shared->place_count >= shared->limits.sessions_max)
+        lw_session_refuse(s, LW_REFUSAL_FULL, "the server has its %u sessions", shared->limits.sessions_max);
     else if (s->is_turned_away)
         lw_session_refuse(s, LW_REFUSAL_FULL, "this address has its %u sessions",
                           address_share(shared, &peer->at));
     return s;
+}
+
+static void free_sending(struct lw_session_sending *sending) {
+    lw_blob_unref(sending->partial);
+    free(sending->held);
 }
 
 void lw_session_closed(struct lw_session *s) {
@@ -144,8 +149,8 @@ void lw_session_closed(struct lw_session *s) {
     LW_INVARIANT(!s->queue && !s->inbox); /* nobody finds it any more */
     lw_blob_unref(s->control);
     for (struct lw_blob *blob; (blob = lw_session_take_answer(s));) lw_blob_unref(blob);
-    lw_send_queue_finish_sending(&s->package);
-    lw_send_queue_finish_sending(&s->finishes);
+    free_sending(&s->package);
+    free_sending(&s->finishes);
     lw_message_reader_clear(&s->input);
     for (uint32_t i = 0; i < s->take_count; i++) {
         free(s->take[i].sent);
@@ -270,8 +275,8 @@ void lw_session_check_token(struct lw_session *s) {
 void lw_session_count_other(struct lw_session *s, enum lw_message_rates_kind kind, size_t many) {
     if (s->state == LW_SESSION_CLOSED || !many) return;
     if (lw_message_rates_count_other(&s->rates, kind, (double)many, lw_clock_ns()) &&
-        s->inbox != &s->shared->slowed)
-        lw_session_queues_enter_inbox(s, &s->shared->slowed);
+        s->inbox != &s->shared->queues.slowed)
+        lw_session_queues_enter_inbox(s, &s->shared->queues.slowed);
 }
 
 void lw_session_queue_answer(struct lw_session *s, const struct lw_message *message) {
@@ -315,11 +320,12 @@ void lw_session_answer(struct lw_session *s, const struct lw_message_updated *an
 
 /* The peer hears of it at its turn. */
 static void look_at_first_light(struct lw_session *s, uint64_t now_ns) {
-    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING || s->told.stage == LW_WAITING_READY)
+    if (!s->shared->first_light || s->state != LW_SESSION_STREAMING ||
+        s->sent_waiting.stage == LW_WAITING_READY)
         return;
-    if (now_ns < s->told_ns + LW_SERVER_WAITING_MS * 1000000ull) return;
+    if (now_ns < s->sent_waiting_ns + LW_SERVER_WAITING_MS * 1000000ull) return;
     const struct lw_waiting_state now = lw_waiting_read(s->shared->first_light);
-    if (now.stage == s->told.stage && now.share == s->told.share) return;
+    if (now.stage == s->sent_waiting.stage && now.share == s->sent_waiting.share) return;
     s->first_light_due = true;
     lw_session_queues_set_due(s, false);
 }
@@ -334,32 +340,33 @@ static bool is_stalled(struct lw_session *s, uint64_t now_ns, struct lw_session_
     const uint64_t taken = s->given - ours - socket;
     if (!(ours + socket) || taken != s->taken_last) s->progress_ns = now_ns;
     s->taken_last = taken;
-    return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->stall_timeout_ns;
+    return now_ns > s->progress_ns && now_ns - s->progress_ns > s->shared->limits.stall_timeout_ns;
 }
 
 /* It may only be slow with what it has: it finds the refusal behind that. Until then the link stays, since
  * what the peer says to one that is closed would make the rest of it a reset. */
 static void refuse_stalled(struct lw_session *s) {
-    s->linger_ns = s->shared->stall_timeout_ns;
+    s->linger_ns = s->shared->limits.stall_timeout_ns;
     lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "took no byte for %u s",
-                      (unsigned)(s->shared->stall_timeout_ns / 1000000000u));
+                      (unsigned)(s->shared->limits.stall_timeout_ns / 1000000000u));
 }
 
 /* Pings a peer that says nothing; true: that did not help. What waits in an inbox counts as said. */
 static bool is_silent(struct lw_session *s, uint64_t now_ns) {
     const uint64_t silence_ns = s->inbox || now_ns < s->heard_ns ? 0 : now_ns - s->heard_ns;
-    if (!s->pinged && silence_ns > s->shared->silence_timeout_ns / 2) {
+    if (!s->pinged && silence_ns > s->shared->limits.silence_timeout_ns / 2) {
         s->pinged = s->ping_due = true;
         lw_session_queues_set_due(s, true);
     }
-    return silence_ns > s->shared->silence_timeout_ns;
+    return silence_ns > s->shared->limits.silence_timeout_ns;
 }
 
 /* With nearly no place left it is for those who say who they are. */
 static uint64_t hello_timeout_ns(const struct lw_session_shared *shared) {
     const uint64_t crowded_ns = LW_SERVER_CROWDED_HELLO_S * 1000000000ull;
-    return lw_session_is_crowded(shared) && crowded_ns < shared->hello_timeout_ns ? crowded_ns
-                                                                                  : shared->hello_timeout_ns;
+    return lw_session_is_crowded(shared) && crowded_ns < shared->limits.hello_timeout_ns
+               ? crowded_ns
+               : shared->limits.hello_timeout_ns;
 }
 
 void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_waiting *waiting) {
@@ -368,7 +375,7 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
     if (s->link->ops->overhead)
         lw_session_count_other(s, LW_MESSAGE_RATES_OVERHEAD, s->link->ops->overhead(s->link));
     const char *excess =
-        lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->excess_timeout_ns);
+        lw_message_rates_judge(&s->rates, now_ns - s->looked_ns, s->shared->limits.excess_timeout_ns);
     s->looked_ns = now_ns;
     look_at_first_light(s, now_ns);
     if (s->state == LW_SESSION_LEAVING && age_ns > s->linger_ns)
@@ -378,7 +385,7 @@ void lw_session_tick(struct lw_session *s, uint64_t now_ns, struct lw_session_wa
     else if (s->state != LW_SESSION_LEAVING && excess)
         lw_session_refuse(s, LW_REFUSAL_RATE, "%s, for too long", excess);
     else if (s->state == LW_SESSION_WELCOMED && !s->controls && !s->operates &&
-             age_ns > s->shared->package_timeout_ns)
+             age_ns > s->shared->limits.package_timeout_ns)
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "no PACKAGE_REQUEST in time");
     else if (s->welcomed && is_silent(s, now_ns))
         lw_session_refuse(s, LW_REFUSAL_TIMEOUT, "nothing was heard, not even a PONG");

@@ -29,8 +29,46 @@
 
 struct lw_session;
 
+struct lw_session_limits {
+    uint32_t sessions_max;
+    uint32_t address_sessions_max; /* for one address; 0: lw_address_places_share() */
+    uint64_t hello_timeout_ns, stall_timeout_ns, excess_timeout_ns, package_timeout_ns, silence_timeout_ns;
+    uint64_t rate_limit_bytes_hz; /* to each session; 0: none */
+};
+
+/* Sessions that wait, in order. */
+struct lw_session_queues {
+    struct lw_session_queue {
+        struct lw_session *first, *last;
+    } due[2];                        /* a turn is coming: the first queue asked for it */
+    struct lw_session_queue paced;   /* they are at their rate limit */
+    struct lw_session_queue waiting; /* for the transcoder's answer */
+    struct lw_session_inbox {
+        struct lw_session *first, *last;
+    } unread, slowed; /* with messages that had no turn; with messages that have to wait */
+};
+
+struct lw_session_channels {
+    /* By number (tile_channels.h); zeroed where it is not served. */
+    struct lw_session_channel {
+        uint32_t number;
+        uint32_t session_count;       /* sessions that get its tiles */
+        struct lw_snapshot *snapshot; /* newest that has this channel; NULL before the first */
+        uint64_t generation;          /* counts those */
+        uint32_t *changed;            /* tile ids, by priority, that it changed against the one before */
+        uint32_t changed_count;
+        struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
+        bool has_coarse;                  /* narrow links get tiles in wider steps: it makes those */
+        struct lw_deltas deltas;          /* from the snapshot before to this one */
+        struct lw_priority priority;
+    } at[LW_TILE_CHANNELS_MAX];
+    uint32_t served;        /* bit for each */
+    _Atomic uint32_t taken; /* bit for each: some session is streamed to in it */
+};
+
 /** What all sessions of a server share. server.c owns it. */
 struct lw_session_shared {
+    struct lw_session_limits limits;
     const struct lw_atlas_map *atlas_map;
     struct lw_message_welcome welcome; /* without the session's number */
     /* The compressed packages, each part cut into LW_SESSION_CHUNK bytes. */
@@ -60,39 +98,16 @@ struct lw_session_shared {
     uint64_t epoch; /* counts ticks and snapshots seen: in each, a session may change its mind once */
     struct lw_snapshot *snapshot; /* newest; NULL before the first */
     uint64_t generation;          /* counts the snapshots that the loop has seen */
-    /* By channel (tile_channels.h); zeroed where it is not served. */
-    struct lw_session_channel {
-        uint32_t number;
-        uint32_t session_count;       /* sessions that get its tiles */
-        struct lw_snapshot *snapshot; /* newest that has this channel; NULL before the first */
-        uint64_t generation;          /* counts those */
-        uint32_t *changed;            /* tile ids, by priority, that it changed against the one before */
-        uint32_t changed_count;
-        struct lw_transcoder *transcoder; /* NULL: tiles are of a codec that has no deltas */
-        bool has_coarse;                  /* narrow links get tiles in wider steps: it makes those */
-        struct lw_deltas deltas;          /* from the snapshot before to this one */
-        struct lw_priority priority;
-    } channel[LW_TILE_CHANNELS_MAX];
-    uint32_t channels_served;        /* bit for each */
-    _Atomic uint32_t channels_taken; /* bit for each: some session is streamed to in it */
+    struct lw_session_channels channels;
     struct lw_session_recent {
         uint64_t frame, at_ns;
     } recent[LW_SESSION_RECENT]; /* by generation: when the loop got each of the last snapshots */
     struct lw_histogram ack;     /* ns from then to a session's ACK; the server empties it */
     struct lw_durations ack_all; /* the same since the start */
-    uint64_t hello_timeout_ns, stall_timeout_ns, excess_timeout_ns, package_timeout_ns, silence_timeout_ns;
-    uint64_t rate_limit_bytes_hz; /* to each session; 0: none */
 
     struct lw_session *first; /* all connections */
-    struct lw_session_queue {
-        struct lw_session *first, *last;
-    } due[2]; /* sessions that have a turn coming, in order: the first queue asked for it */
-    struct lw_session_queue paced;   /* sessions at their rate limit */
-    struct lw_session_queue waiting; /* sessions that wait for the transcoder's answer */
-    struct lw_session_inbox {
-        struct lw_session *first, *last;
-    } unread, slowed;     /* sessions with messages that had no turn; sessions whose messages have to wait */
-    uint32_t place_count; /* sessions that have one, until they are closed */
+    struct lw_session_queues queues;
+    uint32_t place_count;       /* sessions that have one, until they are closed */
     uint32_t control_count;     /* sessions of these that may control, by a token */
     uint32_t turned_away_count; /* connections that got none */
     uint64_t number;            /* the last session's */
@@ -100,8 +115,6 @@ struct lw_session_shared {
     struct lw_server_stats stats; /* guarded by stats_mutex */
     uint32_t retry_after_ms;      /* goes with LW_REFUSAL_SHUTDOWN */
     const char *web_servers;      /* for the welcome of pages, in the place of its servers; NULL: none */
-    uint32_t sessions_max;
-    uint32_t address_sessions_max;                /* for one address; 0: lw_address_places_share() */
     struct lw_address_places places, turned_away; /* connections that have one; that got none */
     struct lw_address_rates connecting;
     struct lw_message_memory parse; /* for the message that is handled */

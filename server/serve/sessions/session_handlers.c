@@ -13,12 +13,12 @@
  * lights. */
 static void choose_channels(struct lw_session *s, const struct lw_message_hello *hello,
                             struct lw_message_welcome *welcome) {
-    const uint32_t served = s->shared->channels_served;
+    const uint32_t served = s->shared->channels.served;
     const uint64_t asked = hello->features & lw_tile_channels_features(served);
     const uint32_t channels = lw_tile_channels_for(asked, served);
     s->take_count = 0;
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
-        if (channels >> c & 1) s->take[s->take_count++].channel = &s->shared->channel[c];
+        if (channels >> c & 1) s->take[s->take_count++].channel = &s->shared->channels.at[c];
     LW_INVARIANT(s->take_count > 0 && s->take[0].channel->number < LW_LIGHT_FORM_COUNT); /* irradiance */
     welcome->features |= asked;
     if (asked & LW_FEATURE_DRAWS) return;
@@ -128,7 +128,7 @@ static void handle_hello(struct lw_session *s, const struct lw_message_hello *he
         lw_session_lacks_memory(s);
         return;
     }
-    s->rate_limit_bytes_hz = s->shared->rate_limit_bytes_hz;
+    s->rate_limit_bytes_hz = s->shared->limits.rate_limit_bytes_hz;
     if (hello->rate_limit_bytes_hz &&
         (!s->rate_limit_bytes_hz || hello->rate_limit_bytes_hz < s->rate_limit_bytes_hz))
         s->rate_limit_bytes_hz = hello->rate_limit_bytes_hz;
@@ -456,9 +456,9 @@ void lw_session_handlers_take(struct lw_session *s) {
     } else if (lw_message_reader_keep(&s->input) != LW_OK) {
         lw_session_lacks_memory(s);
     } else if (s->rates.waits) {
-        lw_session_queues_enter_inbox(s, &s->shared->slowed);
+        lw_session_queues_enter_inbox(s, &s->shared->queues.slowed);
     } else if (more) {
-        lw_session_queues_enter_inbox(s, &s->shared->unread);
+        lw_session_queues_enter_inbox(s, &s->shared->queues.unread);
     } else {
         lw_session_queues_read_on(s);
     }

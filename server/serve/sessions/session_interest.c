@@ -42,8 +42,8 @@ static void count_taker(struct lw_session *s, bool more) {
     for (uint32_t i = 0; i < s->take_count; i++) {
         struct lw_session_channel *c = s->take[i].channel;
         LW_INVARIANT(more || c->session_count > 0);
-        if (more ? !c->session_count++ : !--c->session_count) s->shared->channels_taken ^= 1u << c->number;
-        LW_INVARIANT((s->shared->channels_taken >> c->number & 1) == (c->session_count > 0));
+        if (more ? !c->session_count++ : !--c->session_count) s->shared->channels.taken ^= 1u << c->number;
+        LW_INVARIANT((s->shared->channels.taken >> c->number & 1) == (c->session_count > 0));
     }
 }
 

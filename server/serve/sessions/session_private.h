@@ -86,9 +86,9 @@ struct lw_session {
     struct lw_blob *control; /* welcome or refusal */
     enum lw_refusal refusal; /* in LW_SESSION_LEAVING */
     char refusal_text[LW_MESSAGE_TEXT_MAX + 1];
-    struct lw_waiting_state told; /* last, of the first light; UNKNOWN: nothing */
-    uint64_t told_ns;             /* when */
-    bool first_light_due;         /* it has come further since */
+    struct lw_waiting_state sent_waiting; /* last, of the first light; UNKNOWN: nothing */
+    uint64_t sent_waiting_ns;             /* when */
+    bool first_light_due;                 /* it has come further since */
     bool pong_due, ping_due;
     bool pinged; /* since it was heard */
     uint64_t pong_token;
@@ -225,7 +225,6 @@ struct lw_blob *lw_tile_stream_next_settled(struct lw_session *s);
 /** Chunks of a package of part_count parts are sent as a valid request asks. false: there is no memory. */
 bool lw_send_queue_start(struct lw_session_sending *sending, const struct lw_session_package *package,
                          size_t part_count, const struct lw_message_package_request *request);
-void lw_send_queue_finish_sending(struct lw_session_sending *sending);
 /** Adds what the rate limit has let through since the last call. */
 void lw_send_queue_renew_allowance(struct lw_session *s, uint64_t now_ns);
 /** Writes a turn's batches. true: nothing is left that may be sent now; false: the link is full, or the turn

@@ -50,7 +50,7 @@ void lw_session_queues_enter_inbox(struct lw_session *s, struct lw_session_inbox
 }
 
 void lw_session_queues_set_due(struct lw_session *s, bool asked) {
-    struct lw_session_queue *due = s->shared->due;
+    struct lw_session_queue *due = s->shared->queues.due;
     if (s->state == LW_SESSION_CLOSED || s->queue == &due[0] || (s->queue == &due[1] && !asked)) return;
     lw_session_queues_enqueue(s, &due[asked ? 0 : 1]);
 }

@@ -17,9 +17,9 @@ static void pump(struct lw_session *s) {
         return;
     }
     if (has_all && s->is_paced)
-        lw_session_queues_enqueue(s, &s->shared->paced);
+        lw_session_queues_enqueue(s, &s->shared->queues.paced);
     else if (has_all && s->waits)
-        lw_session_queues_enqueue(s, &s->shared->waiting);
+        lw_session_queues_enqueue(s, &s->shared->queues.waiting);
     else if (!has_all && !s->is_writing)
         lw_session_queues_set_due(s, false); /* more than one turn's */
     if (has_all && s->state == LW_SESSION_LEAVING && !s->ended) {
@@ -29,9 +29,10 @@ static void pump(struct lw_session *s) {
 }
 
 static void end_waiting(struct lw_session_shared *shared, uint64_t now_ns) {
-    for (struct lw_session *s = shared->slowed.first, *next; s; s = next) {
+    for (struct lw_session *s = shared->queues.slowed.first, *next; s; s = next) {
         next = s->next_unread;
-        if (!lw_message_rates_wait(&s->rates, now_ns)) lw_session_queues_enter_inbox(s, &shared->unread);
+        if (!lw_message_rates_wait(&s->rates, now_ns))
+            lw_session_queues_enter_inbox(s, &shared->queues.unread);
     }
 }
 
@@ -40,31 +41,32 @@ void lw_turns_begin_snapshot(struct lw_session_shared *shared) {
 }
 
 void lw_turns_serve_paced(struct lw_session_shared *shared) {
-    for (struct lw_session *s; (s = shared->paced.first);) {
+    for (struct lw_session *s; (s = shared->queues.paced.first);) {
         lw_session_queues_set_due(s, false);
-        LW_INVARIANT(s->queue == &shared->due[1]); /* it is not found again */
+        LW_INVARIANT(s->queue == &shared->queues.due[1]); /* it is not found again */
     }
     end_waiting(shared, lw_clock_ns());
 }
 
 void lw_turns_collect(struct lw_session_shared *shared) {
     bool any = false;
-    for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++) any |= lw_deltas_collect(&shared->channel[c].deltas);
+    for (unsigned c = 0; c < LW_TILE_CHANNELS_MAX; c++)
+        any |= lw_deltas_collect(&shared->channels.at[c].deltas);
     if (!any) return;
-    for (struct lw_session *s; (s = shared->waiting.first);) {
+    for (struct lw_session *s; (s = shared->queues.waiting.first);) {
         lw_session_queues_set_due(s, false);
-        LW_INVARIANT(s->queue == &shared->due[1]);
+        LW_INVARIANT(s->queue == &shared->queues.due[1]);
     }
 }
 
 bool lw_turns_any_due(const struct lw_session_shared *shared) {
-    return shared->due[0].first || shared->due[1].first || shared->unread.first;
+    return shared->queues.due[0].first || shared->queues.due[1].first || shared->queues.unread.first;
 }
 
 void lw_turns_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns) {
-    while ((shared->due[0].first || shared->due[1].first) && lw_clock_ns() < deadline_ns)
+    while ((shared->queues.due[0].first || shared->queues.due[1].first) && lw_clock_ns() < deadline_ns)
         for (int q = 0; q < 2; q++) {
-            struct lw_session *s = shared->due[q].first;
+            struct lw_session *s = shared->queues.due[q].first;
             if (!s) continue;
             lw_session_queues_dequeue(s);
             pump(s);
@@ -72,8 +74,8 @@ void lw_turns_serve_due(struct lw_session_shared *shared, uint64_t deadline_ns) 
 }
 
 void lw_turns_read_on(struct lw_session_shared *shared) {
-    const struct lw_session *last = shared->unread.last; /* each once */
-    for (struct lw_session *s = shared->unread.first, *next; s; s = next) {
+    const struct lw_session *last = shared->queues.unread.last; /* each once */
+    for (struct lw_session *s = shared->queues.unread.first, *next; s; s = next) {
         next = s == last ? NULL : s->next_unread;
         lw_session_handlers_take(s);
     }

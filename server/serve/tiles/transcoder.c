@@ -168,7 +168,7 @@ static void *work(void *context) {
     return NULL;
 }
 
-static void free_recoder(struct lw_transcoder *r) {
+static void free_transcoder(struct lw_transcoder *r) {
     for (uint32_t t = 0; r->coarse && t < r->atlas_map->tile_count; t++) free(r->coarse[t].history);
     free(r->coarse);
     lw_tile_codec_destroy(r->codec);
@@ -179,7 +179,7 @@ static void free_recoder(struct lw_transcoder *r) {
 
 enum lw_status lw_transcoder_create(const struct lw_tile_channel *channel,
                                     const struct lw_atlas_map *atlas_map, void (*wake)(void *context),
-                                    void *context, struct lw_transcoder **out_recoder) {
+                                    void *context, struct lw_transcoder **out_transcoder) {
     struct lw_transcoder *r = calloc(1, sizeof *r);
     if (!r) return LW_NO_MEMORY;
     *r = (struct lw_transcoder){.channel = channel, .atlas_map = atlas_map, .wake = wake, .context = context};
@@ -189,7 +189,7 @@ enum lw_status lw_transcoder_create(const struct lw_tile_channel *channel,
     r->coarse = calloc((size_t)atlas_map->tile_count + 1, sizeof *r->coarse);
     if (status == LW_OK && !(r->payload && r->delta && r->coarse)) status = LW_NO_MEMORY;
     if (status != LW_OK) {
-        free_recoder(r);
+        free_transcoder(r);
         return status;
     }
     pthread_mutex_init(&r->mutex, NULL); /* glibc's initialisers cannot fail */
@@ -197,10 +197,10 @@ enum lw_status lw_transcoder_create(const struct lw_tile_channel *channel,
     if (pthread_create(&r->thread, NULL, work, r) != 0) {
         pthread_cond_destroy(&r->asked_for);
         pthread_mutex_destroy(&r->mutex);
-        free_recoder(r);
+        free_transcoder(r);
         return LW_OS;
     }
-    *out_recoder = r;
+    *out_transcoder = r;
     return LW_OK;
 }
 
@@ -223,7 +223,7 @@ void lw_transcoder_destroy(struct lw_transcoder *r) {
     for (; r->done < r->asked; r->done++) unref_job(&r->job[r->done % LW_TRANSCODER_JOBS_MAX]);
     pthread_cond_destroy(&r->asked_for);
     pthread_mutex_destroy(&r->mutex);
-    free_recoder(r);
+    free_transcoder(r);
 }
 
 bool lw_transcoder_ask(struct lw_transcoder *r, const struct lw_transcoder_job *job) {

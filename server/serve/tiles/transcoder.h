@@ -54,7 +54,7 @@ struct lw_transcoder;
 LW_MUST_CHECK enum lw_status lw_transcoder_create(const struct lw_tile_channel *channel,
                                                   const struct lw_atlas_map *atlas_map,
                                                   void (*wake)(void *context), void *context,
-                                                  struct lw_transcoder **out_recoder);
+                                                  struct lw_transcoder **out_transcoder);
 /** Ends its thread; open requests are dropped. */
 void lw_transcoder_destroy(struct lw_transcoder *transcoder);
 

@@ -1,6 +1,7 @@
 #include "server/serve/transports/tcp_transport.h"
 
 #include "common/base/clock.h"
+#include "common/base/host_port.h"
 #include "common/base/invariant.h"
 #include "server/serve/sessions/session_handlers.h"
 #include "server/serve/transports/control_socket.h"
@@ -493,11 +494,11 @@ struct lw_session_peer lw_tcp_transport_peer(int socket) {
     if (address.ss_family == AF_INET6) {
         const struct sockaddr_in6 *v6 = (const struct sockaddr_in6 *)&address;
         uv_ip6_name(v6, host, sizeof host);
-        snprintf(peer.address, sizeof peer.address, "[%s]:%u", host, ntohs(v6->sin6_port));
+        lw_host_port_format(peer.address, sizeof peer.address, host, ntohs(v6->sin6_port));
     } else if (address.ss_family == AF_INET) {
         const struct sockaddr_in *v4 = (const struct sockaddr_in *)&address;
         uv_ip4_name(v4, host, sizeof host);
-        snprintf(peer.address, sizeof peer.address, "%s:%u", host, ntohs(v4->sin_port));
+        lw_host_port_format(peer.address, sizeof peer.address, host, ntohs(v4->sin_port));
     }
     return peer;
 }

@@ -219,7 +219,7 @@ static struct finding find(const struct lw_solve_block *block, uint32_t first) {
     struct finding f = {.lanes = {0}};
     EACH_PACKET(block, first, set) {
         const struct lw_change_packet *packet = &block->change.packet[set];
-        if (!(block->change.told >> set & 1)) continue;
+        if (!(block->change.uncorrected >> set & 1)) continue;
         for (uint32_t r = 0; r < LW_REGIONS; r++) {
             f.lanes[r] += block->packet[set].lanes[r];
             f.square[r] += packet->indirect_square[r];
@@ -268,7 +268,7 @@ static struct mean mean_of(const struct finding *f, uint32_t first, uint32_t end
 static float spread_of(const struct lw_solve_tile *tile) {
     double square = 0, chance = 0, lanes = 0;
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (!block->change.told) continue;
+        if (!block->change.uncorrected) continue;
         EACH_SURFACE (block, first) {
             const struct finding f = find(block, first);
             EACH_PART(block, from, to) {
@@ -467,10 +467,10 @@ bool lw_control_variate_indirect(struct lw_tiles *tiles, struct lw_solve_tile *t
                 least = fmaxf(TAKEN_MIN, TAKEN_OF_TARGET * target_error);
     bool any = false;
     LW_TILES_EACH_BLOCK (tile, block) {
-        if (spread > 0 && block->change.told)
+        if (spread > 0 && block->change.uncorrected)
             EACH_SURFACE (block, first)
                 any |= correct_surface(tiles, tile, block, first, spread, least, estimates);
-        block->change.told = 0;
+        block->change.uncorrected = 0;
     }
     return any;
 }

@@ -75,7 +75,7 @@ struct lw_correct_found lw_correct_all(const struct lw_correct *correct, uint32_
     LW_TILES_EACH_BLOCK (tile, block) {
         if (block->state == LW_BLOCK_CONVERGED && block->covered_count)
             lw_gradient_invalidate(block, correct->converged.target_error, &correct->budget);
-        LW_INVARIANT(!block->change.told); /* what packets have found is taken over */
+        LW_INVARIANT(!block->change.uncorrected); /* what packets have found is taken over */
         block->change.compare = block->change.direct = 0;
     }
     sum_up(tile, &found);

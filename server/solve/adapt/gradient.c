@@ -38,15 +38,15 @@ static const float counted[2][LW_TILES_PARTS] = {
 #define ROUNDS_MAX 16u
 
 /* A change on one surface says nothing of another. At an onset one packet is verified for this many of a
- * block's surfaces, and at most WITNESSES_MAX. */
+ * block's surfaces, and at most OBSERVERS_MAX. */
 #define SURFACES_EACH 2u
-#define WITNESSES_MAX 4u
+#define OBSERVERS_MAX 4u
 
-static uint32_t witnesses_of(const struct lw_solve_block *block) {
+static uint32_t observers_of(const struct lw_solve_block *block) {
     uint32_t surfaces = 0;
     for (uint32_t set = 0; set < block->packet_count; set += block->packet[set].group) surfaces++;
     const uint32_t count = (surfaces + SURFACES_EACH - 1) / SURFACES_EACH;
-    return count < WITNESSES_MAX ? count : WITNESSES_MAX;
+    return count < OBSERVERS_MAX ? count : OBSERVERS_MAX;
 }
 
 /* Takes `count` packets. The packets of a surface follow each other: packets far apart in their row are of
@@ -62,7 +62,7 @@ static uint16_t take_turn(struct lw_solve_block *block, uint32_t count) {
 
 static void verify_packets(struct lw_change_block *change, uint16_t packets) {
     change->compare = packets;
-    change->told |= packets;
+    change->uncorrected |= packets;
     change->verified |= packets;
     change->retrace = packets & change->unchecked;
     change->direct |= change->retrace;
@@ -74,7 +74,7 @@ static void verify_packets(struct lw_change_block *change, uint16_t packets) {
 static void reread_packets(struct lw_solve_block *block) {
     struct lw_change_block *change = &block->change;
     change->compare = lw_change_all_packets(block);
-    change->told |= change->compare;
+    change->uncorrected |= change->compare;
     change->verified |= change->compare;
 }
 
@@ -108,7 +108,7 @@ static struct choice choose(const struct lw_solve_block *block, const struct lw_
                            .noted = true,
                            .begins = begins,
                            .lit = lit,
-                           .packets = first ? witnesses_of(block) : 1};
+                           .packets = first ? observers_of(block) : 1};
 }
 
 uint64_t lw_gradient_work(const struct lw_solve_block *block, const struct lw_gradient_round *round) {
@@ -273,7 +273,7 @@ void lw_gradient_note_staleness(struct lw_solve_block *block) {
     LW_INVARIANT_DEAR(is_staleness(off.indirect));
     memcpy(change->staleness_indirect, off.indirect, sizeof off.indirect);
     memset(change->packet, 0, block->packet_count * sizeof *change->packet);
-    change->verified = change->told = 0;
+    change->verified = change->uncorrected = 0;
 }
 
 bool lw_gradient_choose_more(struct lw_solve_block *block, float target_error,
@@ -395,8 +395,8 @@ void lw_gradient_weigh_direct(struct lw_solve_block *block, uint32_t moves, bool
     change->moving = moves != change->solved_moves;
     LW_INVARIANT(moves >= change->solved_moves); /* movements are counted up */
     change->moves = change->solved_moves = moves;
-    change->compare = change->retrace = change->direct = change->verified = change->told = change->unchecked =
-        0;
+    change->compare = change->retrace = change->direct = change->verified = change->uncorrected =
+        change->unchecked = 0;
     change->strength *= budget->onset ? AGAIN : 0;
     if (!lw_gradient_is_strong(change)) change->strength = 0;
 }

@@ -323,8 +323,8 @@ static struct room room_of(const struct lw_plan_memory *memory, const struct lw_
 
 /* Takes the waiting tiles of a reason, up to `texels` texels. It takes the invalidated blocks alone of
  * invalidated tiles, if time is short. */
-static void take(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan,
-                 enum lw_plan_reason reason, uint64_t texels, uint64_t *taken) {
+static void take_waiting(struct lw_plan_memory *memory, const struct lw_plan_input *in, struct lw_plan *plan,
+                         enum lw_plan_reason reason, uint64_t texels, uint64_t *taken) {
     const bool part = reason < LW_PLAN_STALE && texels != UINT64_MAX;
     for (uint32_t i = 0; texels && i < in->count; i++) {
         const struct lw_plan_fact *fact = &in->fact[i];
@@ -399,9 +399,9 @@ void lw_plan_light(struct lw_plan_memory *memory, const struct lw_plan_input *in
     memory->frames++;
     plan->solve.count = 0;
     for (enum lw_plan_reason r = LW_PLAN_CHANGED_MOST; r <= LW_PLAN_CHANGED_BESIDE; r++)
-        take(memory, in, plan, r, room.changed, &taken);
-    take(memory, in, plan, LW_PLAN_STALE, room.all, &taken);
-    take(memory, in, plan, LW_PLAN_NOISY, room.all, &taken);
+        take_waiting(memory, in, plan, r, room.changed, &taken);
+    take_waiting(memory, in, plan, LW_PLAN_STALE, room.all, &taken);
+    take_waiting(memory, in, plan, LW_PLAN_NOISY, room.all, &taken);
     note_left(memory, in);
     choose_shown(memory, in, plan->solve.count > 0);
     memory->still_rounds = plan->solve.count || memory->corrected ? 0 : memory->still_rounds + memory->ended;

@@ -127,7 +127,7 @@ void lw_plan_log_stage(struct lw_plan_log *log, enum lw_plan_stage stage, const 
 
 struct replay {
     const char *path;
-    FILE *told;
+    FILE *report;
     uint64_t only, line, frame, plans;
     uint32_t tiles, ids;
     struct lw_plan_fact *fact;
@@ -189,15 +189,15 @@ static bool read_input(struct replay *r, const char *text) {
 /* Prints how many entries of a list each reason has, and the entries for the frame that is asked for. */
 static void tell(const struct replay *r, const char *name, const struct lw_plan_list *list) {
     uint32_t count[LW_PLAN_REASON_COUNT] = {0};
-    if (!r->told || !list->count || (r->only && r->only != r->frame)) return;
+    if (!r->report || !list->count || (r->only && r->only != r->frame)) return;
     for (uint32_t i = 0; i < list->count; i++) count[list->entry[i].reason]++;
-    fprintf(r->told, "frame %" PRIu64 ": %s", r->frame, name);
+    fprintf(r->report, "frame %" PRIu64 ": %s", r->frame, name);
     for (int k = 0; k < LW_PLAN_REASON_COUNT; k++)
-        if (count[k]) fprintf(r->told, ", %" PRIu32 " %s", count[k], lw_plan_reason_name(k));
-    fputc('\n', r->told);
+        if (count[k]) fprintf(r->report, ", %" PRIu32 " %s", count[k], lw_plan_reason_name(k));
+    fputc('\n', r->report);
     for (uint32_t i = 0; r->only && i < list->count; i++) {
         const struct lw_plan_entry *e = &list->entry[i];
-        fprintf(r->told, "    tile %" PRIu32 ": %s%s\n", e->id.v, lw_plan_reason_name(e->reason),
+        fprintf(r->report, "    tile %" PRIu32 ": %s%s\n", e->id.v, lw_plan_reason_name(e->reason),
                 e->part ? ", its invalidated blocks" : "");
     }
 }
@@ -293,9 +293,9 @@ static enum lw_status begin(struct replay *r, const char *text, struct lw_error 
     return LW_OK;
 }
 
-enum lw_status lw_plan_log_replay(const char *path, FILE *told, uint64_t only, uint64_t *out_plans,
+enum lw_status lw_plan_log_replay(const char *path, FILE *report, uint64_t only, uint64_t *out_plans,
                                   struct lw_error *err) {
-    struct replay r = {.path = path, .told = told, .only = only};
+    struct replay r = {.path = path, .report = report, .only = only};
     FILE *file = fopen(path, "r");
     if (!file) return lw_status_fail(err, LW_NO_INPUT, "%s: %s", path, strerror(errno));
     char *text = NULL;

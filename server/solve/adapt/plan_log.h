@@ -38,10 +38,10 @@ void lw_plan_log_stage(struct lw_plan_log *log, enum lw_plan_stage stage, const 
                        const struct lw_plan *plan);
 void lw_plan_log_found(struct lw_plan_log *log, const struct lw_plan_found *found);
 
-/** Reads a log, makes each plan again, and compares. `told`, unless NULL, gets each frame's plan, a line
+/** Reads a log, makes each plan again, and compares. `report`, unless NULL, gets each frame's plan, a line
  * a list; frame `only` alone with all entries, if it is not 0.
  * Errors: LW_NO_INPUT; LW_BAD_DATA, naming file and line: no log, or a plan that is another. */
-LW_MUST_CHECK enum lw_status lw_plan_log_replay(const char *path, FILE *told, uint64_t only,
+LW_MUST_CHECK enum lw_status lw_plan_log_replay(const char *path, FILE *report, uint64_t only,
                                                 uint64_t *out_plans, struct lw_error *err);
 
 #endif

@@ -120,7 +120,7 @@ void lw_verify_reread(const struct lw_transport *t, struct lw_solve_tile *tile) 
     LW_TILES_EACH_BLOCK (tile, block) {
         struct lw_change_block *change = &block->change;
         change->retrace = change->direct = 0;
-        change->compare = change->told = change->verified =
+        change->compare = change->uncorrected = change->verified =
             block->due && block->sample_count ? lw_change_all_packets(block) : 0;
     }
     (void)lw_verify_compare(t, tile, &none);
@@ -170,7 +170,7 @@ static void note_arrival(const struct lw_transport *t, const struct lw_solve_til
             found->indirect_square[region] += lw_vec3_dot(off, off);
         }
     }
-    block->change.told = block->change.verified = lw_change_all_packets(block);
+    block->change.uncorrected = block->change.verified = lw_change_all_packets(block);
 }
 
 void lw_verify_add_indirect_change(const struct lw_transport *t, struct lw_solve_tile *tile) {

@@ -58,13 +58,13 @@ static bool make_bank(const struct lw_scene *scene, const struct lw_texels *texe
 }
 
 /* A place by how far it is along the seam and into the chart, texels. */
-static struct lw_vec2 place(const struct bank *bank, float along, float in) {
+static struct lw_vec2 point_on_bank(const struct bank *bank, float along, float in) {
     return mad2(mad2(bank->from, bank->along, along), bank->inward, in);
 }
 
 /* The chart that a bank is of, at a place along it; LW_TEXEL_NONE: none. */
 static uint32_t chart_at(const struct bank *bank, float along) {
-    const struct lw_vec2 at = place(bank, along, 0.5f);
+    const struct lw_vec2 at = point_on_bank(bank, along, 0.5f);
     if (!(at.x >= 0 && at.y >= 0 && at.x < (float)bank->mesh->width && at.y < (float)bank->mesh->height))
         return LW_TEXEL_NONE;
     return bank->mesh->chart[lw_texels_index(bank->mesh, (uint32_t)at.x, (uint32_t)at.y)];
@@ -129,7 +129,7 @@ static void columns(const struct bank *bank, float y, uint32_t *out_first, uint3
 /* Lists the gutters of one bank that lie beyond the seam, with what the other bank has there. */
 static bool list(const struct lw_texels *texels, const struct bank *near, const struct bank *far,
                  const uint8_t *welded, struct lw_seam_gutters *out) {
-    const struct lw_vec2 a = near->from, b = place(near, near->length, 0);
+    const struct lw_vec2 a = near->from, b = point_on_bank(near, near->length, 0);
     const float scale = far->length / near->length;
     const uint32_t y_first = (uint32_t)fmaxf(fminf(a.y, b.y) - REACH, 0);
     for (uint32_t y = y_first; y < near->mesh->height && (float)y <= fmaxf(a.y, b.y) + REACH; y++) {
@@ -146,7 +146,8 @@ static bool list(const struct lw_texels *texels, const struct bank *near, const 
             struct lw_seam_gutter gutter = {.texel = near->first + i, .distance = away + past};
             const uint32_t chart = chart_at(far, scale * foot);
             if (chart != LW_TEXEL_NONE &&
-                look_up(far, chart, place(far, scale * along, scale * away), &gutter) && !push(out, gutter))
+                look_up(far, chart, point_on_bank(far, scale * along, scale * away), &gutter) &&
+                !push(out, gutter))
                 return false;
         }
     }

@@ -615,8 +615,8 @@ static void weld_component(const struct job *job) {
 }
 
 /* All that a component has changed is shown. */
-static void show(const struct lw_seams *s, const struct lw_seams_light *light, struct lw_tiles *tiles,
-                 uint64_t frame) {
+static void mark_shown(const struct lw_seams *s, const struct lw_seams_light *light, struct lw_tiles *tiles,
+                       uint64_t frame) {
     for (uint32_t c = 0; c < s->component_count; c++)
         for (uint32_t b = s->first_block[c]; light->active[c] && b < s->first_block[c + 1]; b++) {
             struct lw_solve_block *block = &tiles->block[s->block[b]];
@@ -654,5 +654,5 @@ void lw_seams_weld(const struct lw_seams *s, struct lw_seams_welds *welds, uint3
     LW_INVARIANT(channels != 0);
     LW_TILE_CHANNELS_EACH (channel, channels)
         weld_channel(s, last = &welds->of[channel], tiles, frame, threads);
-    if (last) show(s, last, tiles, frame);
+    if (last) mark_shown(s, last, tiles, frame);
 }

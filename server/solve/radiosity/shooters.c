@@ -46,7 +46,8 @@ size_t lw_shooters_memory_bytes(const struct lw_shooters *shooters) {
 }
 
 /* One of a window's texels, with the probability of its area. */
-static uint32_t draw(const struct lw_shooters *shooters, const struct lw_shooter *s, uint32_t random) {
+static uint32_t choose_texel(const struct lw_shooters *shooters, const struct lw_shooter *s,
+                             uint32_t random) {
     const float *area = shooters->patches->area_m2;
     float left = lw_random_unit(random) * s->area_m2;
     for (uint32_t i = s->first; i + 1 < s->first + s->count; i++)
@@ -81,7 +82,7 @@ static void place_shooter(struct lw_shooters *shooters, struct lw_shooter *s, ui
     s->area_m2 = 0;
     for (uint32_t i = 0; i < s->count; i++) s->area_m2 += patches->area_m2[member[i]];
     s->texel = shooters->undersample == LW_UNDERSAMPLE_RANDOM
-                   ? draw(shooters, s, lw_random_hash3(seed, member[0], turn))
+                   ? choose_texel(shooters, s, lw_random_hash3(seed, member[0], turn))
                    : member[0];
     if (shooters->undersample == LW_UNDERSAMPLE_MIP) {
         place_mean(shooters, s);

@@ -5,7 +5,7 @@
  * A shooter stands for the covered texels of one chart in a window of side x side texels (Kahl 2023):
  *   none      each texel for itself
  *   stride    the window's first texel for all: its place, what it sends, the area of all
- *   random    a texel drawn by area, with a number of its window's own: unbiased over frames
+ *   random    a texel sampled by area, with a number of its window's own: unbiased over frames
  *   mip       their mean place, mean normal and total flux */
 #ifndef LW_RADIOSITY_SHOOTERS_H
 #define LW_RADIOSITY_SHOOTERS_H

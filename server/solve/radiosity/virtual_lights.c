@@ -77,7 +77,7 @@ static uint32_t object_of(const struct lw_patches *patches, uint32_t texel) {
     return lw_tiles_at(tiles, (lw_tile_id){tiles->block[tiles->block_of_texel[texel]].tile_id})->object;
 }
 
-/* Light that a patch reflects, by which it is drawn. */
+/* Light that a patch reflects, by which it is sampled. */
 static double reflected(const struct lw_patches *patches, float *const *direct, uint32_t texel) {
     const struct lw_vec3 e = lw_vec3(direct[0][texel], direct[1][texel], direct[2][texel]);
     const double l =
@@ -161,8 +161,8 @@ static bool sees_parent(struct flight *f, uint32_t index) {
            sees(f, place_of(s), way, 1);
 }
 
-/* Between two shots only where something has moved: p was drawn by the light of a few samples, and where they
- * had none there is no light that could follow. */
+/* Between two shots only where something has moved: p was chosen by the light of a few samples, and where
+ * they had none there is no light that could follow. */
 static void read_light(struct flight *f, uint32_t index) {
     struct lw_virtual_light *light = &f->v->light[index];
     for (int c = 0; c < 3; c++) light->e[c] = f->shot->direct[c][light->texel];
@@ -186,10 +186,10 @@ static bool shoot_first(struct flight *f, uint32_t path) {
     struct lw_shooter *s = &v->shooter[index_of(v, path, 0)];
     const double total = v->sum[patches->packet_count];
     const uint32_t number = number_of(v, path);
-    const float draw = lw_random_unit(lw_random_hash4(f->shot->seed, number, light->shots, USE_TEXEL));
+    const float pick = lw_random_unit(lw_random_hash4(f->shot->seed, number, light->shots, USE_TEXEL));
     double share;
     light->texel = total > 0 ? draw_patch(v, f->shot->direct,
-                                          total * ((double)number + (double)draw) / v->paths.paths, &share)
+                                          total * ((double)number + (double)pick) / v->paths.paths, &share)
                              : LW_TEXEL_NONE;
     light->shots++;
     if (light->texel == LW_TEXEL_NONE) return false;

@@ -4,13 +4,13 @@
  * After:   Keller 1997 (instant radiosity); Tonna 2019 (validity by occlusion from the parent, a bounded
  *          number shot again each frame, sets in turn).
  *
- * Lights come in paths of one light a bounce. The first of a path lies on a texel, drawn by the light that it
- * reflects: albedo x E x area, E being its direct light. Draws are stratified over all patches, and each set
- * is. Its parent is a lamp: the place on a lamp that a sample of all lamps finds from there. The next lies
- * where a cosine-weighted ray from its parent ends, and has the parent's flux times the albedo there.
+ * Lights come in paths of one light a bounce. The first of a path lies on a texel, chosen by the light that
+ * it reflects: albedo x E x area, E being its direct light. Samples are stratified over all patches, as is
+ * each set. Its parent is a lamp: the place on a lamp that a sample of all lamps finds from there. The next
+ * lies where a cosine-weighted ray from its parent ends, and has the parent's flux times the albedo there.
  * When something has moved, a shadow ray to the parent decides whether a light stays. A lost light takes its
  * children with it, sends nothing, and is shot again, a bounded number a frame. A light that stays follows
- * its texel's light: flux = albedo x E x area / (P p), p as it was drawn. */
+ * its texel's light: flux = albedo x E x area / (P p), p as it was chosen. */
 #ifndef LW_RADIOSITY_VIRTUAL_LIGHTS_H
 #define LW_RADIOSITY_VIRTUAL_LIGHTS_H
 

@@ -49,7 +49,7 @@ struct lw_change_block {
     uint16_t retrace;               /* verified in this frame with new rays */
     uint16_t direct;                /* direct light verified in this frame */
     uint16_t verified;              /* verified since the block was solved or a movement began */
-    uint16_t told;                  /* verified since the control variate last took gradients over */
+    uint16_t uncorrected;           /* verified since the control variate last took gradients over */
     uint16_t judged;                /* their mean invalidated the block */
     uint16_t unchecked;             /* rays not traced again since a movement */
     enum lw_change_verified verify; /* in this frame */

@@ -1,5 +1,6 @@
 #include "server/solve/state/tiles.h"
 
+#include "common/base/box.h"
 #include "common/base/colour.h"
 #include "common/base/invariant.h"
 #include "common/base/random.h"
@@ -158,50 +159,35 @@ void lw_tiles_sum_variance(struct lw_tiles *tiles, int threads) {
     }
 }
 
-struct box {
-    struct lw_vec3 lo, hi;
-};
-
-static const struct box nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-
-static void box_add(struct box *box, struct lw_vec3 lo, struct lw_vec3 hi) {
-    box->lo = lw_vec3(fminf(box->lo.x, lo.x), fminf(box->lo.y, lo.y), fminf(box->lo.z, lo.z));
-    box->hi = lw_vec3(fmaxf(box->hi.x, hi.x), fmaxf(box->hi.y, hi.y), fmaxf(box->hi.z, hi.z));
-}
-
-static void box_sphere(const struct box *box, struct lw_vec3 *out_centre, float *out_radius) {
-    *out_centre = lw_vec3_scale(lw_vec3_add(box->lo, box->hi), 0.5f);
-    *out_radius = 0.5f * lw_vec3_length(lw_vec3_sub(box->hi, box->lo));
-}
-
 /* What a block covers, and the box of its texels. */
-static struct box bound_block(const struct lw_solve_tile *tile, uint32_t column, uint32_t row,
-                              const uint8_t *covered) {
+static struct lw_box bound_block(const struct lw_solve_tile *tile, uint32_t column, uint32_t row,
+                                 const uint8_t *covered) {
     struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];
     const struct lw_mesh_texels *mesh = tile->mesh;
-    struct box box = nothing;
+    struct lw_box box = LW_BOX_EMPTY;
     block->covered_count = 0;
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x;
         if (!covered[tile->first + i]) continue;
-        const struct lw_vec3 p = lw_texels_vector(mesh->position, tile->local + i);
-        box_add(&box, p, p);
+        lw_box_add_point(&box, lw_texels_vector(mesh->position, tile->local + i));
         block->covered_count++;
     }
     return box;
 }
 
 static void bound_tile(struct lw_solve_tile *tile, const uint8_t *covered) {
-    struct box box = nothing;
+    struct lw_box box = LW_BOX_EMPTY;
     tile->covered_count = 0;
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++) {
-            const struct box part = bound_block(tile, column, row, covered);
-            box_add(&box, part.lo, part.hi);
+            const struct lw_box part = bound_block(tile, column, row, covered);
+            lw_box_add(&box, &part);
             tile->covered_count += tile->block[row * tile->block_columns + column].covered_count;
         }
     LW_INVARIANT(tile->covered_count <= tile->width * tile->height);
-    if (tile->covered_count) box_sphere(&box, &tile->centre_os, &tile->radius_os);
+    if (!tile->covered_count) return;
+    tile->centre_os = lw_box_middle(&box);
+    tile->radius_os = lw_box_radius(&box);
 }
 
 static uint32_t side_of(uint32_t block, uint32_t texels) {

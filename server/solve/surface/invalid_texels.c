@@ -1,5 +1,6 @@
 #include "server/solve/surface/invalid_texels.h"
 
+#include "common/base/box.h"
 #include "common/base/invariant.h"
 #include "common/base/progress.h"
 #include "common/light/direction.h"
@@ -13,14 +14,8 @@
 /* Texels of an object that one thread searches: an object may have half of the scene. */
 #define PART (8 * LW_HIDDEN_POINTS_TEXELS)
 
-struct box {
-    struct lw_vec3 low, high;
-};
-
-static const struct box nowhere = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-
 struct boxes {
-    struct box *box, all; /* each, and what holds them */
+    struct lw_box *box, all; /* each, and what holds them */
     uint32_t count;
 };
 
@@ -42,7 +37,7 @@ static void unbury(const struct lw_mesh_texels *mesh, uint32_t i, uint8_t *cover
 }
 
 /* Whether the straight line from p by d comes within a margin of the box. */
-static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct lw_vec3 d) {
+static bool meets(const struct lw_box *box, float margin, struct lw_vec3 p, struct lw_vec3 d) {
     const float at[3] = {p.x, p.y, p.z}, by[3] = {d.x, d.y, d.z},
                 low[3] = {box->low.x, box->low.y, box->low.z},
                 high[3] = {box->high.x, box->high.y, box->high.z};
@@ -57,13 +52,13 @@ static bool meets(const struct box *box, float margin, struct lw_vec3 p, struct 
 }
 
 /* Whether two boxes are that close. */
-static bool touches(const struct box *a, const struct box *b, float margin) {
+static bool touches(const struct lw_box *a, const struct lw_box *b, float margin) {
     return a->low.x - margin <= b->high.x && a->low.y - margin <= b->high.y &&
            a->low.z - margin <= b->high.z && a->high.x + margin >= b->low.x &&
            a->high.y + margin >= b->low.y && a->high.z + margin >= b->low.z;
 }
 
-static bool is_near(const struct boxes *boxes, float margin, const struct box *what) {
+static bool is_near(const struct boxes *boxes, float margin, const struct lw_box *what) {
     if (!boxes->count || !touches(&boxes->all, what, margin)) return false;
     for (uint32_t k = 0; k < boxes->count; k++)
         if (touches(&boxes->box[k], what, margin)) return true;
@@ -84,7 +79,7 @@ static bool may_be_freed(const struct search *s, uint32_t object, float size_m, 
                          n = lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, i));
     const float margin = 2 * size_m;
     for (uint32_t k = 0; k < s->first.count; k++) {
-        const struct box *box = &s->first.box[k];
+        const struct lw_box *box = &s->first.box[k];
         if (meets(box, margin + LW_HIDDEN_POINTS_RIM * size_m, p, lw_vec3(0, 0, 0)) ||
             meets(box, margin, p, lw_vec3_scale(n, -s->points.near_m)))
             return true;
@@ -167,7 +162,7 @@ static void choose_again(const struct search *s, uint32_t object, struct again *
     const uint8_t *usable = s->texels->usable + s->texels->first[object];
     const struct lw_affine *to_world = &s->points.pose->object_to_world[object];
     const float size_m = texel_size(s, object), reach = reach_of(size_m);
-    struct box own = nowhere;
+    struct lw_box own = LW_BOX_EMPTY;
     lw_pose_object_bounds(s->points.pose, s->texels->scene, object, &own.low, &own.high);
     const bool near = is_near(&s->left, reach, &own) || is_near(&s->come, reach, &own);
     for (uint32_t y = 0; y < mesh->height; y++)
@@ -175,7 +170,7 @@ static void choose_again(const struct search *s, uint32_t object, struct again *
             const uint32_t i = lw_texels_index(mesh, x, y);
             if (!mesh->covered[i]) continue;
             const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(mesh->position, i));
-            const struct box point = {p, p};
+            const struct lw_box point = {p, p};
             const bool came = near && is_near(&s->come, reach, &point),
                        left = near && is_near(&s->left, reach, &point),
                        lost = has_lost_places(mesh, i, usable[i]);
@@ -303,14 +298,14 @@ static void unbury_all(struct lw_texels *texels, uint32_t object) {
 static void add_box(struct boxes *boxes, const struct lw_pose *pose, const struct lw_scene *scene,
                     uint32_t object) {
     LW_INVARIANT(boxes->count < scene->object_count); /* each once */
-    struct box *box = &boxes->box[boxes->count++];
-    *box = nowhere;
+    struct lw_box *box = &boxes->box[boxes->count++];
+    *box = LW_BOX_EMPTY;
     lw_pose_object_bounds(pose, scene, object, &box->low, &box->high);
     lw_pose_object_bounds(pose, scene, object, &boxes->all.low, &boxes->all.high);
 }
 
 static bool boxes_init(struct boxes *boxes, uint32_t count) {
-    *boxes = (struct boxes){.box = malloc((count + 1ul) * sizeof *boxes->box), .all = nowhere};
+    *boxes = (struct boxes){.box = malloc((count + 1ul) * sizeof *boxes->box), .all = LW_BOX_EMPTY};
     return boxes->box != NULL;
 }
 
