@@ -3,6 +3,7 @@
  *          share the server's hand-over, nothing else. */
 #include "common/base/clock.h"
 #include "common/base/folders.h"
+#include "common/base/host_port.h"
 #include "common/base/interrupt.h"
 #include "common/base/log.h"
 #include "common/base/options_config.h"
@@ -47,7 +48,7 @@ struct program {
     struct lw_relay *relay;
     struct lw_server *server; /* for the scene that there is */
     struct lw_server_sockets sockets;
-    bool hands_over, stops, told; /* the last: it has reported where it serves */
+    bool hands_over, stops, announced; /* the last: it has reported where it serves */
     double started_s;
 };
 
@@ -235,16 +236,16 @@ static enum lw_status create_server(struct program *p, const struct lw_relay_sce
         .finishes = scene->finishes,
         .finishes_size = scene->finishes_size,
         .name = "lightwell-relay " LW_VERSION,
-        .run = scene->told.run,
-        .bounces = scene->told.bounces,
-        .target_error = scene->told.target_error,
-        .noise_shown = scene->told.noise_shown,
-        .features = scene->told.features,
-        .channels = scene->told.has_directions ? 1u << LW_TILE_CHANNEL_DIRECTION : 0,
-        .client_lights = scene->told.client_lights,
-        .client_lights_size = scene->told.client_lights_size,
-        .client_materials = scene->told.client_materials,
-        .client_materials_size = scene->told.client_materials_size,
+        .run = scene->welcome.run,
+        .bounces = scene->welcome.bounces,
+        .target_error = scene->welcome.target_error,
+        .noise_shown = scene->welcome.noise_shown,
+        .features = scene->welcome.features,
+        .channels = scene->welcome.has_directions ? 1u << LW_TILE_CHANNEL_DIRECTION : 0,
+        .client_lights = scene->welcome.client_lights,
+        .client_lights_size = scene->welcome.client_lights_size,
+        .client_materials = scene->welcome.client_materials,
+        .client_materials_size = scene->welcome.client_materials_size,
         .first_light = lw_relay_waiting(p->relay),
         .relay = lw_relay_number(p->relay),
         .relays_above = above,
@@ -264,11 +265,11 @@ static enum lw_status announce(struct program *p, const struct lw_relay_scene *s
     const struct settings *s = &p->settings;
     char address[LW_SERVE_OPTIONS_WHERE_SIZE];
     struct lw_relay_stats stats; /* the address there has no password */
-    if (p->told) return LW_OK;
+    if (p->announced) return LW_OK;
     lw_relay_get_stats(p->relay, &stats);
     enum lw_status status = lw_serve_options_write_ports(&s->serve, p->server, err);
     if (status != LW_OK) return status;
-    p->told = true;
+    p->announced = true;
     lw_serve_options_where(&s->serve, p->server, address, sizeof address);
     lw_log(LW_LOG_INFO, "serving the light of %s at %s: %u objects, %u tiles", stats.address, address,
            lw_relay_light_scene(scene->light)->object_count, lw_relay_light_map(scene->light)->plain_count);
@@ -285,7 +286,7 @@ static void name_relay(const struct program *p, char *dst, size_t size) {
     lw_serve_options_where(o, p->server, dst, size);
     const bool is_any = !o->listen_unix && (strcmp(o->host, "0.0.0.0") == 0 || strcmp(o->host, "::") == 0);
     if (is_any && gethostname(host, sizeof host) == 0)
-        lw_serve_options_format(dst, size, host, lw_server_port(p->server));
+        lw_host_port_format(dst, size, host, lw_server_port(p->server));
 }
 
 /* Until it is to end, or another scene is there. */
@@ -323,7 +324,7 @@ static enum lw_status run(struct program *p, struct lw_error *err) {
         lw_interrupt_watch(on_early_signal, NULL); /* the server had its own watchers */
         ends = !p->hands_over;
     }
-    if (p->told) lw_serve_options_remove_ports(&s->serve);
+    if (p->announced) lw_serve_options_remove_ports(&s->serve);
     lw_server_sockets_close(&p->sockets);
     lw_relay_destroy(p->relay);
     return status;

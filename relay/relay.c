@@ -3,6 +3,7 @@
 #include "client/lib/client.h"
 #include "client/lib/link.h"
 #include "common/base/clock.h"
+#include "common/base/host_port.h"
 #include "common/base/invariant.h"
 #include "common/base/log.h"
 #include "proto/nats_wire.h"
@@ -59,9 +60,9 @@ struct lw_relay {
     struct lw_relay_stats stats;
     uint64_t lost_at_ns; /* 0: it is there, or was not yet */
 
-    pthread_mutex_t told_mutex; /* guards what follows, for those who may not wait */
-    struct lw_relay_stats told; /* as of the thread's last turn */
-    uint64_t told_lost_at_ns;
+    pthread_mutex_t stats_mutex;       /* guards what follows, for those who may not wait */
+    struct lw_relay_stats shown_stats; /* as of the thread's last turn */
+    uint64_t shown_lost_at_ns;
 
     /* The thread's. */
     struct lw_relay_upstream *feed[LW_TILE_CHANNELS_MAX]; /* for `scene` */
@@ -77,7 +78,7 @@ struct lw_relay {
     uint32_t *tile;
     uint32_t tile_count;
     uint64_t some_ns; /* when the first tile came that is in no snapshot; 0: none */
-    bool told_memory;
+    bool warned_memory;
     uint64_t reported_ns, reported_bytes; /* when the last report was made; sent to clients by then */
     struct lw_relay_tree_node below[LW_RELAY_TREE_MAX];
     char report[LW_RELAY_TREE_TEXT_MAX];
@@ -93,7 +94,7 @@ static const char *name_of(const struct lw_relay *r, char *dst, size_t size) {
     else if (strncmp(a->host, LW_ACCESS_UNIX, strlen(LW_ACCESS_UNIX)) == 0)
         snprintf(dst, size, "%s", a->host);
     else
-        snprintf(dst, size, strchr(a->host, ':') ? "[%s]:%u" : "%s:%u", a->host, (unsigned)a->port);
+        lw_host_port_format(dst, size, a->host, a->port);
     return dst;
 }
 
@@ -207,13 +208,13 @@ static void announce_run(struct lw_relay *r, uint64_t frame) {
 
 /* The server above has begun again, with the same scene: sessions of clients go on. False: they cannot. */
 static bool begin_run(struct lw_relay *r, const struct lw_relay_upstream *up) {
-    const uint64_t above_run = lw_relay_upstream_told(up)->run, run = join_runs(r->run, above_run);
+    const uint64_t above_run = lw_relay_upstream_welcome(up)->run, run = join_runs(r->run, above_run);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) close_upstream(r, &r->feed[c]);
     if (!lw_relay_light_begin_run(r->scene.light, run)) return false;
     lw_log(
         LW_LOG_INFO,
-        "%s lights the same scene in another run: clients go on with it; it starts without the changes that "
-        "clients made before",
+        "%s lights the same scene in another run: clients go on with it. Changes that they made before are "
+        "gone, unless it has --keep-changes",
         lw_relay_upstream_address(up));
     r->above_run = above_run;
     set_run(r, run);
@@ -223,7 +224,7 @@ static bool begin_run(struct lw_relay *r, const struct lw_relay_upstream *up) {
 /* A relay above has gone on with another run. Where we count as it does, so do our clients know it. */
 static void follow_runs(struct lw_relay *r) {
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
-        const uint64_t run = r->feed[c] ? lw_relay_upstream_told(r->feed[c])->run : r->feed_run[c];
+        const uint64_t run = r->feed[c] ? lw_relay_upstream_welcome(r->feed[c])->run : r->feed_run[c];
         if (run == r->feed_run[c]) continue;
         r->feed_run[c] = run;
         if (run == r->above_run) continue; /* another session named it first */
@@ -238,7 +239,7 @@ static void follow_runs(struct lw_relay *r) {
 static enum lw_status begin_newcomer(struct lw_relay *r, struct lw_relay_upstream *up, struct lw_error *err) {
     if (r->has_scene)
         lw_log(LW_LOG_WARNING, "%s lights %s now: clients go over to it", lw_relay_upstream_address(up),
-               memcmp(&lw_relay_upstream_told(up)->package_hash, &r->scene.told.package_hash,
+               memcmp(&lw_relay_upstream_welcome(up)->package_hash, &r->scene.welcome.package_hash,
                       sizeof(struct lw_package_hash))
                    ? "another scene"
                    : "the scene in another way");
@@ -268,13 +269,13 @@ static void connect_feed(struct lw_relay *r, bool draws) {
     enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
     pthread_mutex_lock(&r->mutex);
     if (status == LW_OK) {
-        const struct lw_relay_told *told = lw_relay_upstream_told(up);
-        const bool is_scene = r->has_scene && lw_relay_told_same_scene(told, &r->scene.told) &&
+        const struct lw_relay_welcome *welcome = lw_relay_upstream_welcome(up);
+        const bool is_scene = r->has_scene && lw_relay_welcome_same_scene(welcome, &r->scene.welcome) &&
                               lw_relay_upstream_channel(up) == form;
         r->stats.connects++;
         snprintf(r->stats.address, sizeof r->stats.address, "%s", lw_relay_upstream_address(up));
         follow_relays(r, up);
-        const bool is_run = told->run && told->run == r->above_run;
+        const bool is_run = welcome->run && welcome->run == r->above_run;
         if (is_scene && !is_run && has_feed_of(r, lw_relay_upstream_address(up)) && r->waits++ < WAITS_MAX) {
             /* it goes on with another run: the session that there is is about to hear of it, or to end */
             lw_relay_upstream_destroy(up);
@@ -431,12 +432,12 @@ static void publish(struct lw_relay *r) {
                      (news == LW_RELAY_LIGHT_SOME && now_ns - r->some_ns < LW_RELAY_HOLD_MS * MS_NS)))
         return;
     if (lw_relay_light_snapshot(r->scene.light, &snapshot) != LW_OK) {
-        if (!r->told_memory)
+        if (!r->warned_memory)
             lw_log(LW_LOG_WARNING, "out of memory for new light: clients keep what they have");
-        r->told_memory = true;
+        r->warned_memory = true;
         return;
     }
-    r->told_memory = false;
+    r->warned_memory = false;
     r->some_ns = 0;
     if (!snapshot) return;
     r->owes = false;
@@ -502,14 +503,14 @@ static void add_poll(struct pollfd *polled, nfds_t *count, const struct lw_relay
 static void wait_for_any(struct lw_relay *r) {
     struct pollfd polled[2 + LW_TILE_CHANNELS_MAX];
     nfds_t count = 0;
-    uint64_t told;
+    uint64_t wakes;
     polled[count++] = (struct pollfd){.fd = r->wake, .events = POLLIN};
     add_poll(polled, &count, r->newcomer);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) add_poll(polled, &count, r->feed[c]);
     const int left_ms = time_left(r);
     pthread_mutex_unlock(&r->mutex);
     (void)poll(polled, count, left_ms);
-    if (polled[0].revents & POLLIN) (void)!read(r->wake, &told, sizeof told);
+    if (polled[0].revents & POLLIN) (void)!read(r->wake, &wakes, sizeof wakes);
     pthread_mutex_lock(&r->mutex);
 }
 
@@ -519,10 +520,10 @@ static void publish_stats(struct lw_relay *r) {
         if (r->feed[c]) add_received(&stats, r->feed[c]);
     if (r->newcomer) add_received(&stats, r->newcomer);
     stats.cpu_ns = lw_clock_read_ns(CLOCK_THREAD_CPUTIME_ID);
-    pthread_mutex_lock(&r->told_mutex);
-    r->told = stats;
-    r->told_lost_at_ns = r->lost_at_ns;
-    pthread_mutex_unlock(&r->told_mutex);
+    pthread_mutex_lock(&r->stats_mutex);
+    r->shown_stats = stats;
+    r->shown_lost_at_ns = r->lost_at_ns;
+    pthread_mutex_unlock(&r->stats_mutex);
 }
 
 static void *run(void *context) {
@@ -570,14 +571,14 @@ static enum lw_status start(struct lw_relay *r, struct lw_error *err) {
     r->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (r->wake < 0) return lw_status_fail(err, LW_OS, "eventfd: %s", strerror(errno));
     pthread_mutex_init(&r->mutex, NULL); /* glibc's initialisers cannot fail */
-    pthread_mutex_init(&r->told_mutex, NULL);
+    pthread_mutex_init(&r->stats_mutex, NULL);
     pthread_condattr_init(&attributes);
     pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
     pthread_cond_init(&r->changed, &attributes);
     pthread_condattr_destroy(&attributes);
     if (pthread_create(&r->thread, NULL, run, r) == 0) return LW_OK;
     pthread_cond_destroy(&r->changed);
-    pthread_mutex_destroy(&r->told_mutex);
+    pthread_mutex_destroy(&r->stats_mutex);
     pthread_mutex_destroy(&r->mutex);
     return lw_status_fail(err, LW_OS, "cannot start a thread");
 }
@@ -622,7 +623,7 @@ void lw_relay_destroy(struct lw_relay *r) {
     wake(r);
     pthread_join(r->thread, NULL);
     pthread_cond_destroy(&r->changed);
-    pthread_mutex_destroy(&r->told_mutex);
+    pthread_mutex_destroy(&r->stats_mutex);
     pthread_mutex_destroy(&r->mutex);
     free_relay(r);
 }
@@ -639,7 +640,7 @@ static void adopt_next(struct lw_relay *r) {
     r->next = (struct lw_relay_scene){0};
     r->has_scene = true;
     r->has_next = false;
-    r->above_run = r->run = r->scene.told.run;
+    r->above_run = r->run = r->scene.welcome.run;
     r->owes_run = false;
     r->stats.has_light = false;
     r->waiting = (struct lw_waiting){0};
@@ -715,10 +716,10 @@ uint32_t lw_relay_above(struct lw_relay *r, uint64_t out_above[LW_MESSAGE_RELAYS
 void lw_relay_get_stats(struct lw_relay *r, struct lw_relay_stats *out_stats) {
     struct lw_relay_updates_stats updates;
     lw_relay_updates_get_stats(r->updates, &updates);
-    pthread_mutex_lock(&r->told_mutex);
-    *out_stats = r->told;
+    pthread_mutex_lock(&r->stats_mutex);
+    *out_stats = r->shown_stats;
     out_stats->updates_passed = updates.passed;
     out_stats->cpu_ns += updates.cpu_ns;
-    out_stats->lost_ns = r->told_lost_at_ns ? lw_clock_ns() - r->told_lost_at_ns : 0;
-    pthread_mutex_unlock(&r->told_mutex);
+    out_stats->lost_ns = r->shown_lost_at_ns ? lw_clock_ns() - r->shown_lost_at_ns : 0;
+    pthread_mutex_unlock(&r->stats_mutex);
 }

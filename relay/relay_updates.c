@@ -160,7 +160,8 @@ static void connect_control(struct lw_relay_updates *u, struct control *c) {
     const enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
     pthread_mutex_lock(&u->mutex);
     c->up = up;
-    if (status == LW_OK && u->light.is_of_run(u->light.context, lw_relay_upstream_told(up)->run, &c->ahead)) {
+    if (status == LW_OK &&
+        u->light.is_of_run(u->light.context, lw_relay_upstream_welcome(up)->run, &c->ahead)) {
         lw_relay_upstream_set_answered(up, on_answered, c);
         return;
     }
@@ -226,7 +227,7 @@ static int time_left(const struct lw_relay_updates *u) {
 static void wait_for_any(struct lw_relay_updates *u) {
     struct pollfd polled[1 + LW_RELAY_UPDATES_TOKENS_MAX];
     nfds_t count = 0;
-    uint64_t told;
+    uint64_t wakes;
     polled[count++] = (struct pollfd){.fd = u->wake, .events = POLLIN};
     for (const struct control *c = u->control; c < u->control + LW_RELAY_UPDATES_TOKENS_MAX; c++) {
         if (!c->up) continue;
@@ -238,7 +239,7 @@ static void wait_for_any(struct lw_relay_updates *u) {
     u->cpu_ns = lw_clock_read_ns(CLOCK_THREAD_CPUTIME_ID);
     pthread_mutex_unlock(&u->mutex);
     (void)poll(polled, count, left_ms);
-    if (polled[0].revents & POLLIN) (void)!read(u->wake, &told, sizeof told);
+    if (polled[0].revents & POLLIN) (void)!read(u->wake, &wakes, sizeof wakes);
     pthread_mutex_lock(&u->mutex);
 }
 

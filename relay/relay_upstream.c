@@ -26,8 +26,8 @@ struct lw_relay_upstream {
     uint64_t relay;
     bool control, welcomed, has_asked, owns_light, finish_asked, reads_parts;
     const char *cache_folder;
-    bool told_damage;
-    struct lw_relay_told told;
+    bool warned_damage;
+    struct lw_relay_welcome welcome;
     uint64_t features, package_compressed_size;
     uint64_t relays[LW_MESSAGE_RELAYS_MAX];
     uint32_t relay_count, retry_after_ms;
@@ -37,7 +37,7 @@ struct lw_relay_upstream {
     struct lw_relay_light *light;
     bool has_finishes;
     struct lw_interest interest;
-    bool is_untold;                                 /* it may have changed since it was sent */
+    bool is_unsent;                                 /* it may have changed since it was sent */
     struct lw_message_interest_tile *interest_tile; /* LW_MESSAGE_INTEREST_MAX; made when first needed */
     uint64_t acked, tiles;
     uint32_t unanswered;
@@ -54,7 +54,7 @@ static bool are_same_bits(const uint8_t *a, size_t a_size, const uint8_t *b, siz
     return a_size == b_size && (!a_size || memcmp(a, b, a_size) == 0);
 }
 
-bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b) {
+bool lw_relay_welcome_same_scene(const struct lw_relay_welcome *a, const struct lw_relay_welcome *b) {
     return is_same_hash(&a->package_hash, &b->package_hash) && a->package_size == b->package_size &&
            is_same_hash(&a->finish_hash, &b->finish_hash) && a->finish_size == b->finish_size &&
            a->features == b->features && a->has_directions == b->has_directions && a->finer == b->finer &&
@@ -67,15 +67,15 @@ bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_rel
                            b->client_materials_size)));
 }
 
-static void free_welcome(struct lw_relay_told *told) {
-    free(told->client_lights);
-    free(told->client_materials);
-    told->client_lights = told->client_materials = NULL;
+static void free_welcome(struct lw_relay_welcome *welcome) {
+    free(welcome->client_lights);
+    free(welcome->client_materials);
+    welcome->client_lights = welcome->client_materials = NULL;
 }
 
 void lw_relay_scene_finish(struct lw_relay_scene *scene) {
     lw_relay_light_destroy(scene->light);
-    free_welcome(&scene->told);
+    free_welcome(&scene->welcome);
     free(scene->package);
     free(scene->finishes);
     *scene = (struct lw_relay_scene){0};
@@ -90,8 +90,8 @@ static uint8_t *read_cached(struct lw_relay_upstream *up, enum lw_package_cache_
     if (!up->cache_folder) return NULL;
     const enum lw_package_cache_found found =
         lw_package_cache_read(up->cache_folder, kind, hash, size, &bytes);
-    if (found == LW_PACKAGE_CACHE_DAMAGED && !up->told_damage) {
-        up->told_damage = true;
+    if (found == LW_PACKAGE_CACHE_DAMAGED && !up->warned_damage) {
+        up->warned_damage = true;
         lw_package_cache_warn(NULL, up->cache_folder);
     }
     return found == LW_PACKAGE_CACHE_FOUND ? bytes : NULL;
@@ -122,7 +122,7 @@ static enum lw_status take_package(struct lw_relay_upstream *up, uint8_t *packag
                                    struct lw_error *err) {
     up->scene.package = package;
     up->scene.package_size = size;
-    enum lw_status status = lw_relay_light_create(package, size, up->told.finer, &up->light, err);
+    enum lw_status status = lw_relay_light_create(package, size, up->welcome.finer, &up->light, err);
     if (status != LW_OK) return status;
     up->owns_light = true;
     begin_channels(up);
@@ -163,25 +163,25 @@ static uint8_t *copy_bits(const uint8_t *bits, size_t size) {
 }
 
 static enum lw_status note_welcome(struct lw_relay_upstream *up, const struct lw_message_welcome *w) {
-    struct lw_relay_told *told = &up->told;
-    *told = (struct lw_relay_told){.run = w->run,
-                                   .package_hash = w->package_hash,
-                                   .finish_hash = w->finish.hash,
-                                   .package_size = w->package_size,
-                                   .finish_size = w->finish.size,
-                                   .bounces = w->bounces,
-                                   .target_error = w->target_error,
-                                   .noise_shown = w->noise_shown,
-                                   .features = w->features & LW_FEATURE_DCT,
-                                   .finer = w->features & LW_FEATURE_FINER ? w->finer : 0,
-                                   .has_draws = w->features & LW_FEATURE_DRAWS,
-                                   .has_directions = w->features & LW_FEATURE_DIRECTION};
-    if (!told->has_draws) return LW_OK;
-    told->client_lights_size = w->client_lights_size;
-    told->client_materials_size = w->client_materials_size;
-    told->client_lights = copy_bits(w->client_lights, w->client_lights_size);
-    told->client_materials = copy_bits(w->client_materials, w->client_materials_size);
-    return told->client_lights && told->client_materials ? LW_OK : LW_NO_MEMORY;
+    struct lw_relay_welcome *welcome = &up->welcome;
+    *welcome = (struct lw_relay_welcome){.run = w->run,
+                                         .package_hash = w->package_hash,
+                                         .finish_hash = w->finish.hash,
+                                         .package_size = w->package_size,
+                                         .finish_size = w->finish.size,
+                                         .bounces = w->bounces,
+                                         .target_error = w->target_error,
+                                         .noise_shown = w->noise_shown,
+                                         .features = w->features & LW_FEATURE_DCT,
+                                         .finer = w->features & LW_FEATURE_FINER ? w->finer : 0,
+                                         .has_draws = w->features & LW_FEATURE_DRAWS,
+                                         .has_directions = w->features & LW_FEATURE_DIRECTION};
+    if (!welcome->has_draws) return LW_OK;
+    welcome->client_lights_size = w->client_lights_size;
+    welcome->client_materials_size = w->client_materials_size;
+    welcome->client_lights = copy_bits(w->client_lights, w->client_lights_size);
+    welcome->client_materials = copy_bits(w->client_materials, w->client_materials_size);
+    return welcome->client_lights && welcome->client_materials ? LW_OK : LW_NO_MEMORY;
 }
 
 /* The light would come back to us, or through too many. */
@@ -211,7 +211,7 @@ static enum lw_status handle_welcome(struct lw_relay_upstream *up, const struct 
     up->channel = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
     up->channels = lw_tile_channels_for(w->features, UINT32_MAX);
     up->package_compressed_size = w->package_compressed_size;
-    up->told.run = w->run;
+    up->welcome.run = w->run;
     if (up->control && !(w->features & LW_FEATURE_CONTROL))
         return lw_status_fail(err, LW_NOT_ALLOWED, "it takes no updates from here");
     if (up->control) return LW_OK;
@@ -265,7 +265,7 @@ static enum lw_status handle_light(struct lw_relay_upstream *up, const struct lw
                                    struct lw_error *err) {
     if (!up->light || !up->has_asked) return out_of_order(err, m->type);
     if (up->waiting) lw_waiting_raise(up->waiting, LW_WAITING_READY, 1, 1);
-    if (m->type == LW_MESSAGE_FRAME && m->frame.run) up->told.run = m->frame.run;
+    if (m->type == LW_MESSAGE_FRAME && m->frame.run) up->welcome.run = m->frame.run;
     if (m->type == LW_MESSAGE_TILE) {
         const uint32_t layer = m->tile.layer;
         const bool is_other = layer < LW_TILE_CHANNELS_MAX && up->channels >> layer & 1;
@@ -374,7 +374,7 @@ static enum lw_status send_interest(struct lw_relay_upstream *up, struct lw_erro
     const uint64_t now_ns = lw_clock_ns();
     if (up->link.outbox_size) return LW_OK;
     if (!lw_interest_is_due(&up->interest, now_ns)) {
-        if (now_ns - up->interest.told_ns > LW_INTEREST_SHED_NS) up->is_untold = false; /* it is the same */
+        if (now_ns - up->interest.sent_ns > LW_INTEREST_SHED_NS) up->is_unsent = false; /* it is the same */
         return LW_OK;
     }
     if (!up->interest_tile &&
@@ -396,7 +396,7 @@ static enum lw_status send_interest(struct lw_relay_upstream *up, struct lw_erro
         if (status == LW_OK && up->light) lw_relay_light_ask(up->light, channel, now->tile, now->count);
     if (status == LW_OK && lw_interest_tell(&up->interest, now_ns) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
-    up->is_untold = false;
+    up->is_unsent = false;
     return status;
 }
 
@@ -418,11 +418,12 @@ static enum lw_status request_package(struct lw_relay_upstream *up, enum lw_mess
 
 enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *up, struct lw_error *err) {
     LW_INVARIANT(!up->control && !up->has_asked && !up->light);
-    const struct lw_relay_told *told = &up->told;
+    const struct lw_relay_welcome *welcome = &up->welcome;
     enum lw_status status = LW_OK;
-    uint8_t *package = read_cached(up, LW_PACKAGE_CACHE_PACKAGE, &told->package_hash, told->package_size);
+    uint8_t *package =
+        read_cached(up, LW_PACKAGE_CACHE_PACKAGE, &welcome->package_hash, welcome->package_size);
     if (package)
-        status = take_package(up, package, (size_t)told->package_size, err);
+        status = take_package(up, package, (size_t)welcome->package_size, err);
     else if ((status = lw_download_begin(&up->download, err)) == LW_OK &&
              lw_download_is_complete(&up->download))
         status = end_download(up, err);
@@ -497,7 +498,7 @@ static enum lw_status acknowledge(struct lw_relay_upstream *up, struct lw_error 
 
 enum lw_status lw_relay_upstream_want(struct lw_relay_upstream *up, bool everything, const uint32_t *tile,
                                       uint32_t count) {
-    up->is_untold = true;
+    up->is_unsent = true;
     if (!everything)
         return lw_interest_set(&up->interest, (const lw_tile_id *)tile, count, LW_MESSAGE_INTEREST_MAX);
     lw_interest_set_everything(&up->interest);
@@ -622,7 +623,7 @@ void lw_relay_upstream_destroy(struct lw_relay_upstream *up) {
     if (up->owns_light) lw_relay_light_destroy(up->light);
     free(up->scene.package);
     free(up->scene.finishes);
-    free_welcome(&up->told);
+    free_welcome(&up->welcome);
     lw_download_finish(&up->download);
     lw_download_finish(&up->finish_download);
     lw_interest_finish(&up->interest);
@@ -636,14 +637,15 @@ void lw_relay_upstream_give(struct lw_relay_upstream *up, struct lw_relay_scene 
     LW_INVARIANT(up->owns_light && up->has_finishes);
     *out_scene = up->scene;
     out_scene->light = up->light;
-    out_scene->told = up->told;
-    out_scene->told.client_lights = copy_bits(up->told.client_lights, up->told.client_lights_size);
-    out_scene->told.client_materials = copy_bits(up->told.client_materials, up->told.client_materials_size);
+    out_scene->welcome = up->welcome;
+    out_scene->welcome.client_lights = copy_bits(up->welcome.client_lights, up->welcome.client_lights_size);
+    out_scene->welcome.client_materials =
+        copy_bits(up->welcome.client_materials, up->welcome.client_materials_size);
     up->scene = (struct lw_relay_scene){0};
     up->owns_light = false;
 }
 
-bool lw_relay_upstream_is_waiting(const struct lw_relay_upstream *up) { return up->is_untold; }
+bool lw_relay_upstream_is_waiting(const struct lw_relay_upstream *up) { return up->is_unsent; }
 
 int lw_relay_upstream_descriptor(const struct lw_relay_upstream *up, short *out_events) {
     *out_events = (short)(POLLIN | (up->link.outbox_size || up->link.sealed.size ? POLLOUT : 0));
@@ -658,7 +660,9 @@ enum lw_status lw_relay_upstream_take(struct lw_relay_upstream *up, struct lw_er
     return status == LW_OK ? acknowledge(up, err) : status;
 }
 
-const struct lw_relay_told *lw_relay_upstream_told(const struct lw_relay_upstream *up) { return &up->told; }
+const struct lw_relay_welcome *lw_relay_upstream_welcome(const struct lw_relay_upstream *up) {
+    return &up->welcome;
+}
 uint32_t lw_relay_upstream_channel(const struct lw_relay_upstream *up) { return up->channel; }
 bool lw_relay_upstream_is_current(const struct lw_relay_upstream *up) {
     return !up->feed || lw_nats_feed_is_alive(up->feed);

@@ -34,7 +34,7 @@ struct lw_relay_upstream_desc {
 };
 
 /** What a WELCOME says of the light, without the session's own things. */
-struct lw_relay_told {
+struct lw_relay_welcome {
     uint64_t run; /* as the last WELCOME or FRAME named it; 0: unknown: no two sessions have the same light */
     struct lw_package_hash package_hash, finish_hash;
     uint64_t package_size, finish_size; /* finish_size 0: there are none */
@@ -48,7 +48,7 @@ struct lw_relay_told {
     size_t client_lights_size, client_materials_size;
 };
 /** Whether two sessions have light of the same scene: their WELCOMEs differ in nothing but the run. */
-bool lw_relay_told_same_scene(const struct lw_relay_told *a, const struct lw_relay_told *b);
+bool lw_relay_welcome_same_scene(const struct lw_relay_welcome *a, const struct lw_relay_welcome *b);
 
 /** Connects, says hello, and waits for the welcome. Errors: as lw_link_connect(); LW_NOT_ALLOWED: it takes
  * no such token, or the session may not send updates; LW_PROTOCOL; LW_USAGE: a loop of relays. */
@@ -57,7 +57,7 @@ LW_MUST_CHECK enum lw_status lw_relay_upstream_create(const struct lw_relay_upst
                                                       struct lw_error *err);
 void lw_relay_upstream_destroy(struct lw_relay_upstream *upstream);
 
-const struct lw_relay_told *lw_relay_upstream_told(const struct lw_relay_upstream *upstream);
+const struct lw_relay_welcome *lw_relay_upstream_welcome(const struct lw_relay_upstream *upstream);
 /** The channel of light that the session gets. */
 uint32_t lw_relay_upstream_channel(const struct lw_relay_upstream *upstream);
 /** Whether its server is there: NATS may have light of one that is gone. */
@@ -75,7 +75,7 @@ uint32_t lw_relay_upstream_retry_after_ms(const struct lw_relay_upstream *upstre
 LW_MUST_CHECK enum lw_status lw_relay_upstream_begin(struct lw_relay_upstream *upstream,
                                                      struct lw_error *err);
 /** Tells the server which tiles of its run `light` holds, and takes changes to them from now on.
- * light  of the scene of lw_relay_upstream_told() and its run (lw_relay_light_begin_run()); outlives it */
+ * light  of the scene of lw_relay_upstream_welcome() and its run (lw_relay_light_begin_run()); outlives it */
 LW_MUST_CHECK enum lw_status lw_relay_upstream_resume(struct lw_relay_upstream *upstream,
                                                       struct lw_relay_light *light, struct lw_error *err);
 /** NULL before the package is there. After lw_relay_upstream_begin() it belongs to the upstream until
@@ -86,7 +86,7 @@ bool lw_relay_upstream_has_finishes(const struct lw_relay_upstream *upstream);
 
 /** A scene, with its description for clients. */
 struct lw_relay_scene {
-    struct lw_relay_told told;
+    struct lw_relay_welcome welcome;
     uint8_t *package, *finishes; /* finishes: NULL: none */
     size_t package_size, finishes_size;
     struct lw_relay_light *light;

@@ -201,7 +201,7 @@ static enum lw_status show_channels(struct lw_daemon *d, uint32_t channels, stru
     enum lw_status status = lw_publisher_set_channels(d->publisher, channels);
     if (may_wait(d, status, "another form of the light", &d->owes_channel, err)) return LW_OK;
     if (status != LW_OK) return lw_status_fail(err, status, "publisher");
-    d->solver->ops->show(d->solver, channels);
+    d->solver->ops->choose_channels(d->solver, channels);
     d->channels = channels;
     return LW_OK;
 }

@@ -482,7 +482,7 @@ static enum lw_status create_solver(struct baker *b, struct lw_error *err) {
         return lw_tile_by_tile_create(s->entry, &desc, &b->pose, &how, &b->solver, err);
     }
     enum lw_status status = s->entry->create(&desc, &b->pose, &b->solver, err);
-    if (status == LW_OK) b->solver->ops->show(b->solver, channels);
+    if (status == LW_OK) b->solver->ops->choose_channels(b->solver, channels);
     return status;
 }
 
@@ -769,7 +769,7 @@ static enum lw_status run(struct baker *b, struct lw_error *err) {
     return LW_OK;
 }
 
-static void finish(struct baker *b) {
+static void finish_baker(struct baker *b) {
     if (b->glb.mesh) lw_glb_scene_finish(&b->glb);
     lw_manifest_finish(&b->manifest);
     lw_sides_finish(&b->sides);
@@ -801,7 +801,7 @@ int main(int argc, char **argv) {
     if (status == LW_OK && !done) {
         lw_interrupt_watch(on_signal, &reading);
         status = run(&b, &err);
-        finish(&b);
+        finish_baker(&b);
     }
     if (status == LW_CLOSED && signalled) {
         lw_log(LW_LOG_INFO, NOTHING);

@@ -18,7 +18,7 @@ void lw_interest_finish(struct lw_interest *interest) {
 void lw_interest_forget(struct lw_interest *interest) {
     interest->sent.everything = true;
     interest->sent.count = 0;
-    interest->told_ns = 0;
+    interest->sent_ns = 0;
 }
 
 /* Tiles: as many as a list that is sent has at most, so that it never grows while a view moves. */
@@ -95,8 +95,8 @@ bool lw_interest_lists(const struct lw_interest *interest, lw_tile_id tile) {
 
 bool lw_interest_is_due(const struct lw_interest *interest, uint64_t now_ns) {
     const struct lw_interest_list *now = &interest->now, *sent = &interest->sent;
-    const uint64_t since_ns = now_ns - interest->told_ns;
-    LW_INVARIANT(now_ns >= interest->told_ns);
+    const uint64_t since_ns = now_ns - interest->sent_ns;
+    LW_INVARIANT(now_ns >= interest->sent_ns);
     LW_INVARIANT_DEAR(is_in_order(now) && is_in_order(sent));
     if (since_ns < LW_INTEREST_TELL_NS) return false;
     if (now->everything || sent->everything) return now->everything != sent->everything;
@@ -114,7 +114,7 @@ enum lw_status lw_interest_tell(struct lw_interest *interest, uint64_t now_ns) {
     sent->everything = now->everything;
     sent->count = now->count;
     LW_INVARIANT_DEAR(is_in_order(sent));
-    LW_INVARIANT(now_ns >= interest->told_ns);
-    interest->told_ns = now_ns;
+    LW_INVARIANT(now_ns >= interest->sent_ns);
+    interest->sent_ns = now_ns;
     return LW_OK;
 }

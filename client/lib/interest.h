@@ -20,7 +20,7 @@ struct lw_interest_list {
 
 struct lw_interest {
     struct lw_interest_list now, sent;
-    uint64_t told_ns;
+    uint64_t sent_ns;
 };
 
 /** Begins with everything, as a session does that has sent no INTEREST. */

@@ -84,7 +84,7 @@ struct lw_nats_publisher {
     uint32_t served; /* channels that the light has: a bit for each */
     struct want want[LW_NATS_PUBLISHER_RELAYS_MAX];
     uint32_t want_count;
-    bool wants_changed, told_relays, stands_down, is_announced, told_keep;
+    bool wants_changed, warned_relays, stands_down, is_announced, warned_keep;
     uint32_t channels;          /* wanted by relays */
     uint64_t alive_ns, keep_ns; /* when the next is due */
     uint64_t retry_ns;          /* 0: nothing is to be tried again */
@@ -321,10 +321,10 @@ static void keep_form(struct lw_nats_publisher *p, uint32_t f) {
 }
 
 static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
-    if (!p->told_keep)
+    if (!p->warned_keep)
         lw_log(LW_LOG_WARNING, "%s: %s: relays that join find older light there, until it is mended",
                p->address.name, why);
-    p->told_keep = true;
+    p->warned_keep = true;
     if (!p->is_announced) p->retry_ns = lw_clock_ns() + RETRY_MS * MS_NS;
     forget_kept(p);
     p->keep_ns = lw_clock_ns() + RETRY_MS * MS_NS;
@@ -332,11 +332,11 @@ static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
 
 /* All of it has been kept since the last failure. */
 static void note_kept(struct lw_nats_publisher *p) {
-    if (!p->told_keep || p->acks->waiting) return;
+    if (!p->warned_keep || p->acks->waiting) return;
     LW_TILE_CHANNELS_EACH (c, p->served)
         if (now_of(p, c) && (!p->form[form_of(c)].kept_frame || is_to_keep(p, c))) return;
     lw_log(LW_LOG_INFO, "%s: light is kept there again", p->address.name);
-    p->told_keep = false;
+    p->warned_keep = false;
 }
 
 static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
@@ -503,10 +503,10 @@ static struct want *find_want(struct lw_nats_publisher *p, uint64_t relay, uint3
     for (struct want *w = p->want; w < p->want + p->want_count; w++)
         if (w->relay == relay && w->form == form) return w;
     if (p->want_count == LW_NATS_PUBLISHER_RELAYS_MAX) {
-        if (!p->told_relays)
+        if (!p->warned_relays)
             lw_log(LW_LOG_WARNING, "%s: more than %u relays: what further ones want is not heard",
                    p->address.name, LW_NATS_PUBLISHER_RELAYS_MAX);
-        p->told_relays = true;
+        p->warned_relays = true;
         return NULL;
     }
     p->want[p->want_count] = (struct want){.relay = relay, .form = form};
@@ -605,7 +605,7 @@ static void forget_silent(struct lw_nats_publisher *p, uint64_t now_ns) {
         free_wanted(&p->want[i]);
         p->want[i] = p->want[--p->want_count];
         p->wants_changed = true;
-        p->told_relays = false;
+        p->warned_relays = false;
     }
 }
 

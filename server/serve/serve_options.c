@@ -205,10 +205,6 @@ void lw_serve_options_remove_ports(const struct lw_serve_options *o) {
     remove_port(o->metrics_port_file);
 }
 
-void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port) {
-    lw_host_port_format(dst, size, host, port);
-}
-
 void lw_serve_options_where(const struct lw_serve_options *o, const struct lw_server *server, char *dst,
                             size_t size) {
     if (o->listen_unix)

@@ -126,7 +126,5 @@ void lw_serve_options_tell(const struct lw_serve_options *options, const struct 
 void lw_serve_options_where(const struct lw_serve_options *options, const struct lw_server *server, char *dst,
                             size_t size);
 #define LW_SERVE_OPTIONS_WHERE_SIZE 280 /* bytes that this takes at most */
-/** An address as in a URL. */
-void lw_serve_options_format(char *dst, size_t size, const char *host, unsigned port);
 
 #endif

@@ -69,7 +69,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return LW_OK;
 }
 
-static void show_channels(struct lw_solver *solver, uint32_t channels) {
+static void choose_channels(struct lw_solver *solver, uint32_t channels) {
     struct lw_cell_solver *s = (struct lw_cell_solver *)solver;
     if (lw_shown_choose(&s->shown, channels)) lw_cell_layer_review(solver);
 }
@@ -209,7 +209,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "cells",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show_channels,
+                                         .choose_channels = choose_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

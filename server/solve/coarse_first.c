@@ -93,7 +93,7 @@ static enum lw_status take_whole(struct coarse_first *s, struct lw_error *err) {
     if (status != LW_OK) return status;
     s->whole = b->solver;
     b->solver = NULL;
-    s->whole->ops->show(s->whole, s->channels);
+    s->whole->ops->choose_channels(s->whole, s->channels);
     return LW_OK;
 }
 
@@ -209,11 +209,11 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return LW_OK;
 }
 
-static void show_channels(struct lw_solver *solver, uint32_t channels) {
+static void choose_channels(struct lw_solver *solver, uint32_t channels) {
     struct coarse_first *s = (struct coarse_first *)solver;
     s->channels = channels;
-    if (s->coarse) s->coarse->ops->show(s->coarse, channels);
-    if (s->whole) s->whole->ops->show(s->whole, channels);
+    if (s->coarse) s->coarse->ops->choose_channels(s->coarse, channels);
+    if (s->whole) s->whole->ops->choose_channels(s->whole, channels);
 }
 
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
@@ -300,7 +300,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "coarse first",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show_channels,
+                                         .choose_channels = choose_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

@@ -227,8 +227,8 @@ static uint32_t choose(struct lw_fine_tiles *fine, uint64_t frame) {
 }
 
 static void tell_if_full(struct lw_fine_tiles *fine) {
-    if (fine->granted_count == fine->wanted_count || fine->told) return;
-    fine->told = true;
+    if (fine->granted_count == fine->wanted_count || fine->warned) return;
+    fine->warned = true;
     lw_log(LW_LOG_WARNING,
            "there is no room for all detail that is asked for: for %u of %u tiles, coarser levels of each "
            "client first (--memory)",

@@ -55,7 +55,7 @@ struct lw_fine_tiles {
     struct lw_fine_tile **fresh;          /* scratch of lw_fine_tiles_update() */
     uint64_t frame;                       /* the last update's */
     enum lw_fine_when when;
-    bool told; /* a line has said that there is not room for all that are wanted */
+    bool warned; /* a line has said that there is not room for all that are wanted */
     int threads;
 };
 

@@ -563,12 +563,13 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return status;
 }
 
-static void show_channels(struct lw_solver *solver, uint32_t channels) {
+static void choose_channels(struct lw_solver *solver, uint32_t channels) {
     struct layers *s = (struct layers *)solver;
     channels = lw_tiles_can_show(tiles_of(s->layer), channels);
     s->shows_all |= (channels & ~s->channels) != 0;
     s->channels = channels;
-    for (uint32_t k = 0; k < s->count; k++) s->layer[k].solver->ops->show(s->layer[k].solver, channels);
+    for (uint32_t k = 0; k < s->count; k++)
+        s->layer[k].solver->ops->choose_channels(s->layer[k].solver, channels);
 }
 
 static uint64_t last_frame(const struct layers *s) {
@@ -713,7 +714,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "layers",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show_channels,
+                                         .choose_channels = choose_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

@@ -269,7 +269,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
                : LW_OK;
 }
 
-static void show_channels(struct lw_solver *solver, uint32_t channels) {
+static void choose_channels(struct lw_solver *solver, uint32_t channels) {
     struct lw_patch_solver *s = (struct lw_patch_solver *)solver;
     lw_shown_choose(&s->shown, channels);
     s->shown.all &= s->frames > 0;
@@ -355,7 +355,7 @@ static void destroy(struct lw_solver *solver) {
 
 static const struct lw_solver_ops shared_ops = {.frame = frame,
                                                 .set_interest = set_interest,
-                                                .show = show_channels,
+                                                .choose_channels = choose_channels,
                                                 .filter = filter,
                                                 .read_tile = read_tile,
                                                 .save = save,

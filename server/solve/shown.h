@@ -25,7 +25,7 @@ struct lw_shown {
 LW_MUST_CHECK enum lw_status lw_shown_init(struct lw_shown *shown, struct lw_error *err);
 void lw_shown_finish(struct lw_shown *shown);
 
-/** Chooses the shown channels, as lw_solver_ops.show(). Returns what lw_tiles_judge_channels() returns. */
+/** Chooses the shown channels: lw_solver_ops.choose_channels(). Returns as lw_tiles_judge_channels(). */
 bool lw_shown_choose(struct lw_shown *shown, uint32_t channels);
 
 /** Shows the blocks whose shown_frame is `frame`: filtered, or as they are. */

@@ -112,7 +112,7 @@ struct lw_solver_tile {
     const float *direct[3];   /* E of bounce 0, W/m^2 per channel; width*height each */
     const float *indirect[3]; /* sum over bounces 1..N */
     /* Shown planes by channel (tile_channels.h): the sums, filtered and welded as the desc says. NULL: the
-     * channel is not shown (show()). */
+     * channel is not shown (choose_channels()). */
     const float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     const float *albedo[3]; /* mean over each texel; of finer levels NULL, unless they are for maps */
     const uint8_t *covered; /* 1: the texel has surface */
@@ -162,7 +162,7 @@ struct lw_solver_ops {
      * holds none of the set. The next frame makes the planes of a new channel for all tiles. The planes of a
      * dropped channel stay as they were. While SPLIT is shown alone, errors count its noise only, relative
      * to all light: converged tiles may have to go on when FULL is shown again. */
-    void (*show)(struct lw_solver *solver, uint32_t channels);
+    void (*choose_channels)(struct lw_solver *solver, uint32_t channels);
     /** Filters the shown planes of every tile, between two frames, even if desc.denoise is off: for bakes,
      * which read tiles once. The sums stay unfiltered. Errors: LW_NO_MEMORY. */
     enum lw_status (*filter)(struct lw_solver *solver, struct lw_error *err);

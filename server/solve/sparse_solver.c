@@ -179,11 +179,11 @@ static bool holds_fine(const struct lw_solver *solver, lw_tile_id id) {
 
 /* ---- the rest of solver.h ---- */
 
-static void show_channels(struct lw_solver *solver, uint32_t channels) {
+static void choose_channels(struct lw_solver *solver, uint32_t channels) {
     struct sparse *s = (struct sparse *)solver;
     s->is_coarse_due |= channels != s->channels;
     s->channels = channels;
-    s->inner->ops->show(s->inner, channels);
+    s->inner->ops->choose_channels(s->inner, channels);
 }
 
 static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
@@ -240,7 +240,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "sparse",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show_channels,
+                                         .choose_channels = choose_channels,
                                          .filter = filter,
                                          .list_fine = list_fine,
                                          .holds_fine = holds_fine,

@@ -296,7 +296,7 @@ static enum lw_status set_interest(struct lw_solver *solver, const uint8_t *inte
     return lw_status_fail(err, LW_INTERNAL, "a solver of tiles one after another knows no interest");
 }
 
-static void show_channels(struct lw_solver *solver, uint32_t channels) {
+static void choose_channels(struct lw_solver *solver, uint32_t channels) {
     LW_INVARIANT(channels == ((const struct tile_by_tile *)solver)->how.channels);
 }
 
@@ -345,7 +345,7 @@ static void destroy(struct lw_solver *solver) {
 static const struct lw_solver_ops ops = {.name = "tile by tile",
                                          .frame = frame,
                                          .set_interest = set_interest,
-                                         .show = show_channels,
+                                         .choose_channels = choose_channels,
                                          .filter = filter,
                                          .read_tile = read_tile,
                                          .save = save,
@@ -387,7 +387,7 @@ static enum lw_status build(struct tile_by_tile *s, const struct lw_solvers_entr
     inner.fine_tiles = LW_TILE_BY_TILE_AT_ONCE;
     inner.fine_when = LW_FINE_AT_ONCE_FOR_MAPS;
     if ((status = entry->create(&inner, pose, &s->solver, err)) != LW_OK) return status;
-    s->solver->ops->show(s->solver, s->how.channels);
+    s->solver->ops->choose_channels(s->solver, s->how.channels);
     return LW_OK;
 }
 

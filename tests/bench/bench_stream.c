@@ -253,7 +253,7 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                                  .threads = (unsigned)s->open.threads},
                                      &light->publisher);
     if (status == LW_OK) status = lw_publisher_set_channels(light->publisher, lw_light_form_bit(job->form));
-    if (status == LW_OK) light->solver->ops->show(light->solver, lw_light_form_bit(job->form));
+    if (status == LW_OK) light->solver->ops->choose_channels(light->solver, lw_light_form_bit(job->form));
     return status;
 }
 

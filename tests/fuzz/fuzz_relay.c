@@ -203,7 +203,7 @@ static void show_fine(const struct lw_snapshot *s, lw_tile_id id, uint32_t numbe
 }
 
 /* Newcomers get whole tiles; a replica that followed gets deltas. */
-static void show(struct lw_relay_light *light, struct lw_replica *follower) {
+static void compare_newcomer(struct lw_relay_light *light, struct lw_replica *follower) {
     const struct lw_atlas_map *map = lw_relay_light_map(light);
     struct lw_snapshot *s;
     if (lw_relay_light_snapshot(light, &s) != LW_OK || !s) return;
@@ -346,7 +346,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
                 lw_relay_upstream_resume(up, scene.light, &err) != LW_OK)
                 hang_up(&up);
         }
-        show(scene.light, follower);
+        compare_newcomer(scene.light, follower);
     }
     if (up)
         hang_up(&up);

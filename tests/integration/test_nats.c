@@ -373,7 +373,7 @@ static void bad_starts_end_with_a_line(void **state) {
 }
 
 /* JetStream is full: of the packages: no start; of the light: a line, and live light goes on. */
-static void a_full_jetstream_is_told(void **state) {
+static void a_full_jetstream_is_reported(void **state) {
     (void)state;
     char arguments[300];
     start_nats(false, 500);
@@ -620,7 +620,7 @@ int main(void) {
         cmocka_unit_test_teardown(interest_goes_up, end_all),
         cmocka_unit_test_teardown(relays_report_through_nats, end_all),
         cmocka_unit_test_teardown(bad_starts_end_with_a_line, end_all),
-        cmocka_unit_test_teardown(a_full_jetstream_is_told, end_all),
+        cmocka_unit_test_teardown(a_full_jetstream_is_reported, end_all),
         cmocka_unit_test_teardown(bytes_of_anybody_harm_nothing, end_all),
         cmocka_unit_test_teardown(a_subscription_ends_in_a_message, end_all),
     };

@@ -165,7 +165,7 @@ static void a_client_goes_from_one_to_another(void **state) {
 }
 
 /* A relay dies: its client tries the servers that the relay named, and goes on with the light it has. */
-static void a_client_goes_where_it_was_told(void **state) {
+static void a_client_goes_where_the_server_sends_it(void **state) {
     (void)state;
     char upstream[64], servers[128];
     lw_process_serve(&server, LW_RELAYS_CORNELL);
@@ -225,7 +225,7 @@ static void light_stays_while_the_daemon_is_gone(void **state) {
     frame_before = lw_relays_stats(1).frame;
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --listen 127.0.0.1:%u", port);
     lw_process_serve(&server, arguments);
-    lw_process_await_text(&relay[0], "it starts without the changes that clients made before");
+    lw_process_await_text(&relay[0], "Changes that they made before are gone, unless");
     lw_process_await_text(&relay[0], "is there: light goes on");
     lw_relays_wait(others_have_another_run);
     lw_relays_wait(lw_relays_all_rest);
@@ -494,7 +494,7 @@ int main(void) {
         cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(a_link_that_breaks_costs_no_session, end_all),
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),
-        cmocka_unit_test_teardown(a_client_goes_where_it_was_told, end_all),
+        cmocka_unit_test_teardown(a_client_goes_where_the_server_sends_it, end_all),
         cmocka_unit_test_teardown(light_stays_while_the_daemon_is_gone, end_all),
         cmocka_unit_test_teardown(clients_go_over_to_another_scene, end_all),
         cmocka_unit_test_teardown(a_crash_of_the_solver_costs_no_session, end_all),

@@ -292,7 +292,7 @@ static void test_another_channel_ends_coarse_light(void **state) {
     free(nothing);
     lw_coarse_first_wait(s.solver);
     step(&s, ALONE + 1, ALONE + FRAMES);
-    s.solver->ops->show(s.solver, 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT);
+    s.solver->ops->choose_channels(s.solver, 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT);
     step(&s, ALONE + FRAMES + 1, ALONE + FRAMES + 1);
     for (uint32_t id = 0; id < s.map.plain_count; id++) {
         struct lw_solver_tile tile;

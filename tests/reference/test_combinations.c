@@ -172,7 +172,7 @@ static void start(const struct start *s, uint32_t choices) {
     const uint32_t channels = entry->channels & lw_tile_channels_held(splits, desc.directions);
     lw_support_ok(lw_combinations_check(entry->choice | lw_combinations_of(&desc), &err), &err);
     lw_support_ok(entry->create(&desc, &s->pose, &solver, &err), &err);
-    solver->ops->show(solver, channels);
+    solver->ops->choose_channels(solver, channels);
     lw_support_ok(solver->ops->frame(solver, &s->pose, 1, &stats, &err), &err);
     assert_true(stats.tiles_solved > 0);
     lw_support_ok(lw_publisher_create(&(struct lw_publisher_desc){.scene = s->scene,

@@ -181,8 +181,8 @@ static void light_is_that_of_a_finer_atlas(void **state) {
     begin(&fine, scene_of(FINER), 0, desc);
     desc.fine_tiles = 64;
     begin(&coarse, scene_of(0), FINER, desc);
-    fine.solver->ops->show(fine.solver, DIRECTIONS);
-    coarse.solver->ops->show(coarse.solver, DIRECTIONS);
+    fine.solver->ops->choose_channels(fine.solver, DIRECTIONS);
+    coarse.solver->ops->choose_channels(coarse.solver, DIRECTIONS);
     look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
     for (uint64_t frame = 1; frame <= 30; frame++) step(&coarse, frame), step(&fine, frame);
     const lw_tile_id *id;
@@ -431,8 +431,8 @@ static void layers_share_them(void **state) {
     lw_support_ok(lw_light_groups_init(&groups, scene, &pose, "left", &err), &err);
     desc.light_groups = &groups;
     begin(&layered, scene, FINER, desc);
-    alone.solver->ops->show(alone.solver, DIRECTIONS);
-    layered.solver->ops->show(layered.solver, DIRECTIONS);
+    alone.solver->ops->choose_channels(alone.solver, DIRECTIONS);
+    layered.solver->ops->choose_channels(layered.solver, DIRECTIONS);
     look_at(&alone, LW_ATLAS_FINER + FINER, 0, 1);
     look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
     for (uint64_t frame = 1; frame <= 60; frame++) {

@@ -180,7 +180,7 @@ static void solve_directions(struct room_solution *s, struct lw_scene *scene, co
     with.seed = seed;
     with.target_error = -1;
     room_solve_layers(s, scene, 6, with, groups, 0);
-    s->solver->ops->show(s->solver, DIRECTIONS);
+    s->solver->ops->choose_channels(s->solver, DIRECTIONS);
     for (unsigned i = 0; i < 60; i++) step(s, frame);
 }
 

@@ -46,7 +46,7 @@ static void begin_scene(struct lit *l, struct lw_scene *scene, float texels_per_
     lw_pose_finish(&pose);
     desc.client_lights = drawn ? &l->client : NULL;
     room_solve_scene(&l->s, scene, texels_per_metre, desc, 0);
-    l->s.solver->ops->show(l->s.solver, channels);
+    l->s.solver->ops->choose_channels(l->s.solver, channels);
     step(l, frames);
 }
 

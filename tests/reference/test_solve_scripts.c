@@ -276,7 +276,7 @@ static void forms(struct record *record, unsigned threads) {
     begin_split(&run, record, describe(SOME, threads));
     static const unsigned shown[] = {SPLIT, BOTH, LW_LIGHT_FORMS_FULL, BOTH, SPLIT, LW_LIGHT_FORMS_FULL};
     for (unsigned i = 0; i < sizeof shown / sizeof *shown; i++) {
-        run.s.solver->ops->show(run.s.solver, shown[i]);
+        run.s.solver->ops->choose_channels(run.s.solver, shown[i]);
         step(&run, 8);
         move_lamp(&run, i % 2, 0.1f);
         step(&run, 6);

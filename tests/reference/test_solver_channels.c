@@ -88,7 +88,7 @@ static void step(struct room_solution *s, uint64_t frame) {
 }
 
 static void show_and_step(struct room_solution *s, uint32_t channels, uint64_t frame) {
-    s->solver->ops->show(s->solver, channels);
+    s->solver->ops->choose_channels(s->solver, channels);
     step(s, frame);
 }
 

@@ -127,8 +127,8 @@ static void directions_are_those_of_the_whole_density(void **state) {
     desc.directions = true;
     begin(&sparse, true, desc);
     begin(&whole, false, desc);
-    sparse.solver->ops->show(sparse.solver, channels);
-    whole.solver->ops->show(whole.solver, channels);
+    sparse.solver->ops->choose_channels(sparse.solver, channels);
+    whole.solver->ops->choose_channels(whole.solver, channels);
     look_at(&sparse, 0, false);
     step(&sparse, 1, 20);
     step(&whole, 1, 20);

@@ -40,7 +40,9 @@ static void end(struct parted *p) {
     lw_client_lights_finish(&p->client);
 }
 
-static void show_forms(struct parted *p, unsigned forms) { p->s.solver->ops->show(p->s.solver, forms); }
+static void show_forms(struct parted *p, unsigned forms) {
+    p->s.solver->ops->choose_channels(p->s.solver, forms);
+}
 
 static void step(struct parted *p, unsigned frames) {
     for (unsigned i = 0; i < frames; i++)
