@@ -1,7 +1,8 @@
 #!/bin/bash
-# detail_walk.sh [--size WxH] [--seconds S] FOLDER SCENE CAMERA...: somebody goes from camera to camera, and stays S seconds (10)
-# at each. FOLDER/walk.png has a picture from each at the end of its stay: above without finer levels (--detail 0), below with
-# them. FOLDER/walk.csv has memory, tiles of finer levels, and tiles that were asked for, twice a second; walk.svg shows it.
+# detail_walk.sh [--size WxH] [--seconds S] FOLDER SCENE CAMERA...: somebody goes from camera to camera, and stays
+# S seconds (10) at each. FOLDER/walk.png has a picture from each at the end of its stay: above without finer levels
+# (--detail 0), below with them. FOLDER/walk.csv has memory, tiles of finer levels, and tiles that were asked for,
+# twice a second; walk.svg shows it.
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
 size=288x216 seconds=10
@@ -9,11 +10,11 @@ while [[ ${1:-} = --* ]]; do
     case $1 in
     --size) size=$2 ;;
     --seconds) seconds=$2 ;;
-    *) sed -n '2,4s/^# //p' "$0" >&2 && exit 64 ;;
+    *) sed -n '2,5s/^# //p' "$0" >&2 && exit 64 ;;
     esac
     shift 2
 done
-[ $# -ge 3 ] || { sed -n '2,4s/^# //p' "$0" >&2; exit 64; }
+[ $# -ge 3 ] || { sed -n '2,5s/^# //p' "$0" >&2; exit 64; }
 folder=$1 scene=$2
 shift 2
 mkdir -p "$folder"
@@ -45,7 +46,8 @@ for detail in 0 4; do
         at=$((at + 1))
         rows+=("$work/$detail-$at.png")
         run "$work/view.log" "$bin/lightwell-view" --headless "$address" --camera="$camera" --size "$size" \
-            --samples-per-pixel 4 --wait "seconds:$seconds" --timeout 600 --cache "$work/cache" --out "${rows[-1]}"
+            --samples-per-pixel 4 --wait "seconds:$seconds" --timeout 600 --cache "$work/cache" \
+            --out "${rows[-1]}"
     done
     kill $sampler && wait $sampler || true
     sampler=

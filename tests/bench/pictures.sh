@@ -1,10 +1,11 @@
 #!/bin/bash
-# pictures.sh [--size WxH] [--seconds S] [--spp N] OUT.png COLUMN... -- SCENE CAMERA [SCENE CAMERA...]: a row a place, a picture a column.
-# COLUMN: options of lightwelld, and after " / " those of lightwell-view ("--directional off / --mirrors off"): what a client shows
-# S seconds (60) after the start; or "paths": N paths a pixel (256). Scenes stand still at time 0. A scene that is not there is left out.
+# pictures.sh [--size WxH] [--seconds S] [--spp N] OUT.png COLUMN... -- SCENE CAMERA [SCENE CAMERA...]: a row a
+# place, a picture a column. A COLUMN is options of lightwelld, and after " / " those of lightwell-view, such as
+# "--directional off / --mirrors off": what a client shows S seconds (60) after the start. Or it is "paths", with
+# options or without: N paths a pixel (256). Scenes stand still at time 0. Scenes that are not there are left out.
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
-usage() { sed -n '2,4s/^# //p' "$0" >&2 && exit 64; }
+usage() { sed -n '2,5s/^# //p' "$0" >&2 && exit 64; }
 size=288x216 seconds=60 spp=256
 while [[ ${1:-} = --size || ${1:-} = --seconds || ${1:-} = --spp ]]; do
     declare "${1#--}=$2"
@@ -28,18 +29,19 @@ made=()
 picture() {
     local served view=
     made+=("$work/${#made[@]}.png")
-    if [ "$3" = paths ]; then
-        run "$work/paths.log" "$bin/lightwell-view" --path-trace "$1" --camera="$2" --size "$size" --spp "$spp" --bounces 2 \
-            --out "${made[-1]}"
+    if [[ $3 = paths* ]]; then
+        # shellcheck disable=SC2086 # options, apart by spaces
+        run "$work/paths.log" "$bin/lightwell-view" --path-trace "$1" --camera="$2" --size "$size" --spp "$spp" \
+            --bounces 2 ${3#paths} --out "${made[-1]}"
         return
     fi
     served=${3%%/*}
     [[ $3 != */* ]] || view=${3#*/}
-    # shellcheck disable=SC2086 # options, apart by spaces
+    # shellcheck disable=SC2086
     serve "$work" "$1" --freeze 0 --cache "$work/kept" $served
     # shellcheck disable=SC2086
-    run "$work/view.log" "$bin/lightwell-view" --headless "$address" --camera="$2" --size "$size" --samples-per-pixel 4 \
-        --wait "seconds:$seconds" --timeout 600 --cache "$work/cache" $view --out "${made[-1]}"
+    run "$work/view.log" "$bin/lightwell-view" --headless "$address" --camera="$2" --size "$size" \
+        --samples-per-pixel 4 --wait "seconds:$seconds" --timeout 600 --cache "$work/cache" $view --out "${made[-1]}"
     stop_serving
 }
 

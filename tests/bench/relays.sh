@@ -1,7 +1,9 @@
 #!/bin/bash
 # relays.sh BIN SCENE [USERS...]: what walking users cost a daemon by themselves and through three relays, and the relays. A row
 # for each number of users (default 50 200): CPU seconds a second, by the stages that the programs tell of themselves.
-# LW_RELAYS_SECONDS (default 20): how long each is measured.
+# LW_RELAYS_SECONDS (default 20): how long each is measured. LW_RELAYS_DAEMON: further options of the daemon. With
+# "--light whole" its work does not follow what users look at. LW_RELAYS_REST=N, in place of rows: N users of a
+# scene at rest, and what they take.
 set -euo pipefail
 bin=$1 scene=$2
 shift 2
@@ -63,8 +65,36 @@ measure() {
     for l in "${loads[@]}"; do wait "$l" || true; done
 }
 
-start daemon lightwelld "$scene" --threads 1 --frame-rate 10
+# rest USERS: at the three relays; memory of a session, and processor time of all, while nothing changes
+rest() {
+    local n p before after loads=() share=$(($1 / 3))
+    work_of_all() {
+        echo "$(total 'lightwell_cpu_seconds_total{stage="relay"}') $(total 'lightwell_cpu_seconds_total{stage="serve"}')"
+    }
+    before=$(total process_resident_memory_bytes)
+    for n in 1 2 3; do
+        "$bin/lightwell-load" "127.0.0.1:$(port relay$n)" --users $share --seconds 40 --ramp 400 --path still --json \
+            >"$work/load.$n" 2>"$work/load.$n.log" &
+        loads+=($!)
+    done
+    until [ "$(total lightwell_sessions)" -ge $((3 * share)) ]; do sleep 1; done
+    sleep 10 # all have their view
+    after=$(total process_resident_memory_bytes)
+    read -r relay serve < <(work_of_all)
+    sleep 10
+    echo "$((3 * share)) $before $after $relay $serve $(work_of_all)" | awk '{
+        printf "%d sessions at rest: %.1f KB each, %.3f of a core for all\n", $1, ($3 - $2) / $1 / 1000, ($6 + $7 - $4 - $5) / 10 }'
+    for p in "${loads[@]}"; do wait "$p" || true; done
+}
+
+read -r -a more <<<"${LW_RELAYS_DAEMON:-}"
+[ -z "${LW_RELAYS_REST:-}" ] || more+=(--freeze 0)
+start daemon lightwelld "$scene" --threads 1 --frame-rate 10 "${more[@]}"
 for n in 1 2 3; do start relay$n lightwell-relay "127.0.0.1:$(port daemon)"; done
+if [ -n "${LW_RELAYS_REST:-}" ]; then
+    rest "$LW_RELAYS_REST"
+    exit
+fi
 echo '| users | at | daemon: solve | publish | serve | Mbit/s | relays: light | serve | Mbit/s |'
 echo '|---|---|---|---|---|---|---|---|---|'
 for users in "$@"; do
