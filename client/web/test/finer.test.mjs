@@ -324,6 +324,26 @@ test('what nobody wants loses its slot first, and what the picture wants last', 
   assert.equal(pool.step(2000), false);
 });
 
+test('a tile without directions has none of the tile whose slot it has', () => {
+  const map = new AtlasMap([{ atlasWidth: 64, atlasHeight: 64 }], Uint32Array.of(0), 1);
+  const slot = { light: null, directions: null };
+  const pool = new FinerTiles(
+    map,
+    1,
+    (_, texels, directions) => (slot[directions ? 'directions' : 'light'] = texels),
+    () => {},
+  );
+  const [first, second] = [map.plainCount, map.plainCount + 3];
+  const texels = (value) => new Uint32Array(64 * 64).fill(value);
+  pool.take(first, texels(1));
+  assert.equal(slot.directions, null);
+  pool.direct(first, texels(7));
+  assert.equal(slot.directions[0], 7);
+  pool.drop(first);
+  pool.take(second, texels(2));
+  assert.deepEqual([slot.light[0], slot.directions[0]], [2, 0]);
+});
+
 test('a slot ends with the texels of the tiles beside and below, or with its own', () => {
   const { pool, id, take, want, slot, written } = slotsOf(4);
   want(0, 1, 2, 3);
