@@ -16,12 +16,15 @@
 enum { SELF, RIGHT, BELOW, CORNER, PARTS };
 
 struct lw_gl_fine_slot {
-    uint32_t tile; /* id; NONE: the slot is free */
-    uint64_t name; /* the tile's: the id may go to another tile */
-    uint32_t object;
+    bool is_used;
+    bool is_filled; /* its texels are of the pool's scale */
+    bool leaves;    /* the share falls */
+    uint32_t tile;  /* id; NONE: the tile has lost it */
+    struct lw_tile_place place;
+    uint64_t name;
     uint64_t version[PARTS]; /* the slot's; 0: not there */
     float share;             /* how much of the tile is seen */
-    bool leaves;             /* the share falls */
+    uint16_t word;           /* in the table */
 };
 
 /* ---- room ---- */
@@ -48,11 +51,18 @@ static GLuint make_pool(uint32_t slots, const struct lw_gl_texels *texels) {
     return pool;
 }
 
+/* All slots are to be filled again. */
+static void forget_texels(struct lw_gl_fine_tiles *fine) {
+    for (uint32_t i = 0; i < fine->slot_count; i++) {
+        memset(fine->slot[i].version, 0, sizeof fine->slot[i].version);
+        fine->slot[i].is_filled = false;
+    }
+}
+
 void lw_gl_fine_tiles_add_directions(struct lw_gl_fine_tiles *fine) {
     if (!fine->pool) return;
     fine->directions = make_pool(fine->slot_count, &lw_gl_texels_directions);
-    for (uint32_t i = 0; i < fine->slot_count; i++)
-        memset(fine->slot[i].version, 0, sizeof fine->slot[i].version);
+    forget_texels(fine);
 }
 
 enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct lw_atlas_map *map,
@@ -72,7 +82,6 @@ enum lw_status lw_gl_fine_tiles_init(struct lw_gl_fine_tiles *fine, const struct
         status = lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of the view");
     if (status == LW_OK) {
         fine->slot_count = count;
-        for (uint32_t i = 0; i < count; i++) fine->slot[i].tile = NONE;
         fine->pool = make_pool(count, &lw_gl_texels_light);
         status = lw_gl_program_check("lightmaps of finer levels", err);
     }
@@ -100,8 +109,7 @@ struct part {
 };
 
 static void find_parts(const struct lw_gl_fine_tiles *fine, const struct lw_compose_source *source,
-                       uint32_t tile, struct part out[PARTS]) {
-    const struct lw_tile_place *p = &fine->map->place[tile];
+                       const struct lw_tile_place *p, struct part out[PARTS]) {
     for (uint32_t i = 0; i < PARTS; i++) {
         const lw_tile_id id =
             lw_atlas_map_find(fine->map, p->object, p->level, p->x + (i & 1), p->y + (i >> 1));
@@ -144,7 +152,7 @@ static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source
                    uint32_t tile) {
     const struct lw_tile_place *p = &fine->map->place[tile];
     struct part part[PARTS];
-    find_parts(fine, source, tile, part);
+    find_parts(fine, source, p, part);
     if (!part[SELF].is.version) return false;
     versions_of(part, fine->slot[slot].version);
     for (int k = 0; k < (fine->directions ? 2 : 1); k++) {
@@ -154,6 +162,7 @@ static bool upload(struct lw_gl_fine_tiles *fine, const struct lw_compose_source
         glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)slot, (GLsizei)p->width + 1,
                         (GLsizei)p->height + 1, 1, texels->format, texels->type, fine->texels);
     }
+    fine->slot[slot].is_filled = true;
     fine->uploaded++;
     return true;
 }
@@ -181,10 +190,10 @@ static bool is_read(const struct call *c, uint32_t tile) {
            (c->take->unfiltered || lw_atlas_noise_level_min(is.error, c->take->source->noise_shown) == 0);
 }
 
-static void set_word(struct call *c, const struct lw_gl_fine_slot *s, uint16_t word) {
-    uint16_t *at = &c->fine->word[s->tile - c->fine->map->plain_count];
-    if (*at == word) return;
-    *at = word;
+static void set_word(struct call *c, struct lw_gl_fine_slot *s, uint16_t word) {
+    if (s->tile != NONE) c->fine->word[s->tile - c->fine->map->plain_count] = word;
+    if (s->word == word) return;
+    s->word = word;
     c->changed = true;
     if (!c->take->table) return;
     glBindBuffer(GL_TEXTURE_BUFFER, c->take->table);
@@ -193,23 +202,18 @@ static void set_word(struct call *c, const struct lw_gl_fine_slot *s, uint16_t w
 }
 
 static void write_word(struct call *c, uint32_t slot) {
-    const struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    struct lw_gl_fine_slot *s = &c->fine->slot[slot];
     const uint32_t share = (uint32_t)(s->share * (float)LW_GL_FINE_TILES_WHOLE + 0.5f);
     set_word(c, s, (uint16_t)((slot + 1) | share << LW_GL_FINE_TILES_SHIFT));
 }
 
 static void empty_slot(struct call *c, uint32_t slot) {
     struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    LW_INVARIANT(s->is_used && c->fine->used > 0);
     set_word(c, s, 0);
-    c->fine->in_pool[s->object]--;
+    c->fine->in_pool[s->place.object]--;
     c->fine->used--;
-    *s = (struct lw_gl_fine_slot){.tile = NONE};
-}
-
-/* Whether the id still stands for the slot's tile. */
-static bool is_same(const struct call *c, const struct lw_gl_fine_slot *s) {
-    const lw_tile_id id = {s->tile};
-    return lw_atlas_map_is_used(c->fine->map, id) && lw_atlas_map_name(c->fine->map, id) == s->name;
+    *s = (struct lw_gl_fine_slot){.is_used = false};
 }
 
 /* A share that turns round moves from the next call on, since no picture was drawn after the last call. */
@@ -220,38 +224,54 @@ static void fade(const struct call *c, struct lw_gl_fine_slot *s, bool stays) {
     s->share = s->share < 1 ? s->share : 1;
 }
 
-/* Brings a slot up to date, and moves its share on. */
-static void follow_slot(struct call *c, uint32_t slot) {
-    struct lw_gl_fine_slot *s = &c->fine->slot[slot];
-    if (!is_same(c, s)) {
-        empty_slot(c, slot);
-        return;
-    }
-    const bool stays = is_read(c, s->tile);
-    fade(c, s, stays);
-    if (!stays && (s->share <= 0 || !s->version[SELF])) {
-        empty_slot(c, slot);
-        return;
-    }
+/* Uploads a slot whose tile is there, if that has changed. Returns whether it still waits for that. */
+static bool refresh(struct call *c, uint32_t slot) {
+    const struct lw_gl_fine_slot *s = &c->fine->slot[slot];
     uint64_t version[PARTS];
     struct part part[PARTS];
-    find_parts(c->fine, c->take->source, s->tile, part);
+    find_parts(c->fine, c->take->source, &s->place, part);
     versions_of(part, version);
-    const bool late = stays && memcmp(version, s->version, sizeof version) != 0;
-    const bool uploads = late && c->tiles_left > 0 && upload(c->fine, c->take->source, slot, s->tile);
-    c->tiles_left -= uploads;
-    c->fine->waiting += (late && !uploads) || !stays || s->share < 1;
+    if (memcmp(version, s->version, sizeof version) == 0) return false;
+    if (c->tiles_left == 0 || !upload(c->fine, c->take->source, slot, s->tile)) return true;
+    c->tiles_left--;
+    return false;
+}
+
+/* Brings a slot up to date, and moves its share on. A tile that is there no more fades out with the texels
+ * that the slot has. If it comes back before its share is 0, it is uploaded again. */
+static void follow_slot(struct call *c, uint32_t slot) {
+    struct lw_gl_fine_slot *s = &c->fine->slot[slot];
+    const struct lw_tile_place *p = &s->place;
+    s->tile = lw_atlas_map_find(c->fine->map, p->object, p->level, p->x, p->y).v;
+    const bool stays = s->tile != NONE && is_read(c, s->tile);
+    fade(c, s, stays);
+    if (!stays && (s->share <= 0 || !s->is_filled)) {
+        empty_slot(c, slot);
+        return;
+    }
+    if (!stays) memset(s->version, 0, sizeof s->version);
+    const bool late = stays && refresh(c, slot);
+    c->fine->waiting += late || !stays || s->share < 1;
     write_word(c, slot);
 }
 
-/* A free slot, or that whose tile was wanted least recently. */
+/* Free slots go first, then those whose tiles fade out. */
+static int64_t priority_of(const struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_slot *s) {
+    if (!s->is_used) return -2;
+    LW_INVARIANT(s->leaves || s->tile != NONE);
+    return s->leaves ? -1 : (int64_t)wanted(fine, s->tile);
+}
+
+/* The slot of the lowest priority. */
 static uint32_t find_oldest(struct call *c) {
     const struct lw_gl_fine_tiles *fine = c->fine;
     if (c->oldest != NONE) return c->oldest;
-    c->oldest = 0;
-    for (uint32_t i = 0; i < fine->slot_count; i++) {
-        if (fine->slot[i].tile == NONE) return c->oldest = i;
-        if (wanted(fine, fine->slot[i].tile) < wanted(fine, fine->slot[c->oldest].tile)) c->oldest = i;
+    int64_t lowest = INT64_MAX;
+    for (uint32_t i = 0; i < fine->slot_count && lowest > -2; i++) {
+        const int64_t priority = priority_of(fine, &fine->slot[i]);
+        if (priority >= lowest) continue;
+        lowest = priority;
+        c->oldest = i;
     }
     return c->oldest;
 }
@@ -261,21 +281,22 @@ static void add(struct call *c, uint32_t tile) {
     struct lw_gl_fine_tiles *fine = c->fine;
     const uint32_t slot = find_oldest(c);
     struct lw_gl_fine_slot *s = &fine->slot[slot];
-    if (s->tile != NONE && wanted(fine, tile) <= wanted(fine, s->tile)) return;
+    if ((int64_t)wanted(fine, tile) <= priority_of(fine, s)) return;
     if (c->tiles_left == 0) {
         fine->waiting++;
         return;
     }
-    if (s->tile != NONE) empty_slot(c, slot);
+    if (s->is_used) empty_slot(c, slot);
     if (!upload(fine, c->take->source, slot, tile)) return;
     c->oldest = NONE;
     c->tiles_left--;
+    s->is_used = true;
     s->tile = tile;
+    s->place = fine->map->place[tile];
     s->name = lw_atlas_map_name(fine->map, (lw_tile_id){tile});
-    s->object = fine->map->place[tile].object;
     s->share = c->take->now_ns ? 0 : 1;
     fine->used++;
-    fine->in_pool[s->object]++;
+    fine->in_pool[s->place.object]++;
     fine->waiting += s->share < 1;
     write_word(c, slot);
 }
@@ -289,8 +310,7 @@ static float step_since(uint64_t then_ns, uint64_t now_ns) {
 static void rescale(struct call *c) {
     c->fine->scale = c->take->scale;
     c->tiles_left = UINT32_MAX;
-    for (uint32_t i = 0; i < c->fine->slot_count; i++)
-        memset(c->fine->slot[i].version, 0, sizeof c->fine->slot[i].version);
+    forget_texels(c->fine);
 }
 
 bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fine_tiles_take *take) {
@@ -304,8 +324,9 @@ bool lw_gl_fine_tiles_take(struct lw_gl_fine_tiles *fine, const struct lw_gl_fin
     fine->waiting = 0;
     if (take->scale != fine->scale) rescale(&c);
     glPixelStorei(GL_UNPACK_ALIGNMENT, 4);
+    memset(fine->word, 0, lw_atlas_map_room(fine->map) * sizeof *fine->word);
     for (uint32_t i = 0; i < fine->slot_count; i++)
-        if (fine->slot[i].tile != NONE) follow_slot(&c, i);
+        if (fine->slot[i].is_used) follow_slot(&c, i);
     for (uint32_t t = fine->map->plain_count; t < fine->map->tile_count; t++)
         if (fine->word[t - fine->map->plain_count] == 0 && is_read(&c, t)) add(&c, t);
     LW_INVARIANT(fine->used <= fine->slot_count);

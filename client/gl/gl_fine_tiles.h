@@ -7,7 +7,9 @@
  * neighbours' where they have arrived, else the tile's own edge; it follows the neighbours.
  *
  * A tile is in the pool while it is there and has noise level 0, as the composer reads it
- * (client/view/compose/compose_look.c). When the pool is full, a tile takes the place of another one only if
+ * (client/view/compose/compose_look.c). Then it fades out, withdrawn or not: the slot keeps its texels, and
+ * its share falls to 0. A tile that comes back before that fades in from its present share. When the pool is
+ * full, a new tile takes the slot of one that fades out, at once. It takes the slot of any other tile only if
  * surveys have wanted it more recently. */
 #ifndef LW_CLIENT_GL_FINE_TILES_H
 #define LW_CLIENT_GL_FINE_TILES_H
@@ -36,7 +38,7 @@ struct lw_gl_fine_tiles {
     struct lw_gl_fine_slot *slot;
     uint32_t *in_pool; /* per object: its tiles */
     uint32_t *wanted;  /* per id of finer levels: the last survey that wanted it; 0: none */
-    uint16_t *word;    /* per id of finer levels, as in the table */
+    uint16_t *word;    /* per id of finer levels, as in the table; 0: it has no slot */
     uint32_t survey;   /* number of the last one */
     uint32_t *texels;  /* scratch: of one slot */
     float scale;       /* the pool holds E times this */

@@ -327,6 +327,35 @@ static void test_fades(void **state) {
     world_finish(&w);
 }
 
+/* Tiles whose ids are lost with their light fade out, too, with the texels that they had. */
+static void test_withdrawn_tiles_fade_out(void **state) {
+    (void)state;
+    struct world w;
+    static float before[VALUES], at[VALUES];
+    const uint64_t step = LW_GL_FINE_TILES_FADE / 4;
+    start(&w, false);
+    const uint32_t finer = lw_atlas_map_room(&w.map);
+    draw(&w, SECOND, before);
+    draw(&w, 2 * SECOND, before);
+    const double high = mean_of(before);
+    set_finer(&w, (struct lw_client_tile){0});
+    for (uint32_t t = w.map.plain_count; t < w.map.tile_count; t++)
+        lw_atlas_map_release(&w.map, (lw_tile_id){t});
+    assert_int_equal(draw(&w, 3 * SECOND, at), finer);
+    assert_memory_equal(at, before, sizeof at);
+    double last = high;
+    for (uint64_t i = 1; i <= 4; i++) {
+        assert_int_equal(draw(&w, 3 * SECOND + i * step, at), i < 4 ? finer : 0);
+        print_message("withdrawn, %d/4: %.3f\n", (int)i, mean_of(at) / high);
+        assert_true(mean_of(at) < 0.95 * last);
+        last = mean_of(at);
+    }
+    start_renderer(&w, &w.map);
+    draw(&w, 0, before);
+    assert_memory_equal(at, before, sizeof at);
+    world_finish(&w);
+}
+
 /* Where four tiles of the finest level meet. */
 static void look_at_corner(struct world *w) {
     const float m = -0.5f + (float)SIDE / 2 / TEXELS;
@@ -479,10 +508,26 @@ static void finish_pool(struct pool *p) {
 
 static uint32_t nth(const struct pool *p, uint32_t i) { return p->world.map.plain_count + i; }
 
-static bool take_tiles(struct pool *p, uint32_t tiles_max) {
+static bool take_tiles_at(struct pool *p, uint64_t now_ns, uint32_t tiles_max) {
     const struct lw_gl_fine_tiles_take take = {
-        .source = &p->world.source, .scale = 1, .tiles_max = tiles_max};
+        .source = &p->world.source, .scale = 1, .now_ns = now_ns, .tiles_max = tiles_max};
     return lw_gl_fine_tiles_take(&p->fine, &take);
+}
+
+static bool take_tiles(struct pool *p, uint32_t tiles_max) { return take_tiles_at(p, 0, tiles_max); }
+
+static uint32_t slot_of(const struct pool *p, uint32_t i) {
+    return (p->fine.word[i] & ((1u << LW_GL_FINE_TILES_SHIFT) - 1)) - 1;
+}
+
+static uint32_t share_of(const struct pool *p, uint32_t i) {
+    return p->fine.word[i] >> LW_GL_FINE_TILES_SHIFT;
+}
+
+/* A tile loses its light and its id. */
+static void withdraw(struct pool *p, uint32_t i) {
+    p->world.tile[nth(p, i)] = (struct lw_client_tile){0};
+    lw_atlas_map_release(&p->world.map, (lw_tile_id){nth(p, i)});
 }
 
 static void survey(struct pool *p, uint32_t first, uint32_t end) {
@@ -496,9 +541,9 @@ static void assert_pool(const struct pool *p, uint32_t first, uint32_t end) {
     for (uint32_t i = 0; i < lw_atlas_map_room(&p->world.map); i++) {
         assert_int_equal(p->fine.word[i] != 0, i >= first && i < end);
         if (p->fine.word[i] == 0) continue;
-        const uint32_t slot = (p->fine.word[i] & ((1u << LW_GL_FINE_TILES_SHIFT) - 1)) - 1;
+        const uint32_t slot = slot_of(p, i);
         assert_true(slot < SLOTS && !taken[slot]);
-        assert_int_equal(p->fine.word[i] >> LW_GL_FINE_TILES_SHIFT, LW_GL_FINE_TILES_WHOLE);
+        assert_int_equal(share_of(p, i), LW_GL_FINE_TILES_WHOLE);
         taken[slot] = true;
     }
     assert_int_equal(p->fine.used, end - first);
@@ -535,7 +580,59 @@ static void test_eviction(void **state) {
     finish_pool(&p);
 }
 
-/* A slot whose tile has lost its id is free, and the tile that has the id now gets a slot of its own. */
+/* A withdrawn tile that comes back keeps its slot, is uploaded again, and fades in from where it is. */
+static void test_tile_that_comes_back(void **state) {
+    (void)state;
+    struct pool p;
+    const uint64_t step = LW_GL_FINE_TILES_FADE / 4;
+    start_pool(&p);
+    for (uint32_t i = 0; i < 2; i++) p.world.tile[nth(&p, i)].version = 1;
+    take_tiles_at(&p, SECOND, UINT32_MAX);
+    take_tiles_at(&p, 2 * SECOND, UINT32_MAX);
+    assert_pool(&p, 0, 2);
+    const uint32_t slot = slot_of(&p, 1);
+    withdraw(&p, 1);
+    assert_false(take_tiles_at(&p, 3 * SECOND, UINT32_MAX)); /* no picture was drawn since it turned */
+    assert_true(take_tiles_at(&p, 3 * SECOND + 3 * step, UINT32_MAX));
+    assert_true(p.fine.word[1] == 0 && p.fine.used == 2 && p.fine.waiting == 1);
+    const uint64_t uploaded = p.fine.uploaded;
+    assert_int_equal(lw_atlas_map_claim_name(&p.world.map, 1).v, nth(&p, 1));
+    p.world.tile[nth(&p, 1)].version = 1; /* of another run: other texels */
+    take_tiles_at(&p, 4 * SECOND, UINT32_MAX);
+    assert_true(slot_of(&p, 1) == slot && p.fine.used == 2);
+    assert_int_equal(p.fine.uploaded, uploaded + 2); /* with the tile of whose border it is */
+    assert_int_equal(share_of(&p, 1), LW_GL_FINE_TILES_WHOLE / 4 + 1);
+    take_tiles_at(&p, 4 * SECOND + step, UINT32_MAX);
+    assert_int_equal(share_of(&p, 1), LW_GL_FINE_TILES_WHOLE / 2 + 1);
+    take_tiles_at(&p, 5 * SECOND, UINT32_MAX);
+    assert_pool(&p, 0, 2);
+    assert_int_equal(p.fine.waiting, 0);
+    finish_pool(&p);
+}
+
+/* In a full pool the slot of a tile that fades out goes to a new tile at once, wanted or not. Nothing else is
+ * taken from a tile that is there. */
+static void test_full_pool_does_not_wait(void **state) {
+    (void)state;
+    struct pool p;
+    start_pool(&p);
+    survey(&p, 0, SLOTS);
+    for (uint32_t i = 0; i < SLOTS; i++) p.world.tile[nth(&p, i)].version = 1;
+    take_tiles_at(&p, SECOND, UINT32_MAX);
+    take_tiles_at(&p, 2 * SECOND, UINT32_MAX);
+    const uint32_t slot = slot_of(&p, 1);
+    withdraw(&p, 1);
+    take_tiles_at(&p, 3 * SECOND, UINT32_MAX);
+    assert_int_equal(p.fine.used, SLOTS);
+    for (uint32_t i = SLOTS; i < SLOTS + 2; i++) p.world.tile[nth(&p, i)].version = 1;
+    take_tiles_at(&p, 3 * SECOND + 1, UINT32_MAX);
+    assert_true(slot_of(&p, SLOTS) == slot && share_of(&p, SLOTS) == 0);
+    assert_int_equal(p.fine.word[SLOTS + 1], 0);
+    assert_int_equal(p.fine.used, SLOTS);
+    finish_pool(&p);
+}
+
+/* A tile whose id another one has now is gone. A tile that has another id now keeps its slot. */
 static void test_ids_that_go_to_others(void **state) {
     (void)state;
     struct pool p;
@@ -547,10 +644,12 @@ static void test_ids_that_go_to_others(void **state) {
     lw_atlas_map_release(&p.world.map, first);
     lw_atlas_map_release(&p.world.map, second);
     assert_int_equal(lw_atlas_map_claim_name(&p.world.map, 1).v, first.v);
-    p.world.tile[second.v].version = 0;
+    const uint32_t slot = slot_of(&p, 1);
+    p.world.tile[first.v].version = 2, p.world.tile[second.v].version = 0;
     take_tiles(&p, UINT32_MAX);
     assert_int_equal(p.fine.used, 2);
     assert_true(p.fine.word[0] != 0 && p.fine.word[1] == 0 && p.fine.word[2] != 0);
+    assert_int_equal(slot_of(&p, 0), slot);
     assert_int_equal(p.fine.uploaded, 4);
     finish_pool(&p);
 }
@@ -583,12 +682,15 @@ int main(void) {
         cmocka_unit_test(test_charts),
         cmocka_unit_test(test_none),
         cmocka_unit_test(test_fades),
+        cmocka_unit_test(test_withdrawn_tiles_fade_out),
         cmocka_unit_test(test_borders),
         cmocka_unit_test(test_full),
         cmocka_unit_test(test_scale),
         cmocka_unit_test(test_survey),
         cmocka_unit_test(test_eviction),
         cmocka_unit_test(test_versions),
+        cmocka_unit_test(test_tile_that_comes_back),
+        cmocka_unit_test(test_full_pool_does_not_wait),
         cmocka_unit_test(test_ids_that_go_to_others),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -184,6 +184,25 @@ static void test_slots_run_out(void **state) {
     is_reported(0, 1, 2 * SLOTS, 0, false, 0);
 }
 
+/* A new tile waits until the tile whose slot it gets has faded out. */
+static void test_full_slots_wait_for_a_fade(void **state) {
+    (void)state;
+    lw_tile_id id[SLOTS];
+    for (uint32_t i = 0; i < SLOTS; i++) id[i] = put(2 * i, 0);
+    assert_int_equal(take_slots(1000 * MS), SLOTS);
+    assert_int_equal(take_slots(2000 * MS), SLOTS);
+    withdraw(id[1]);
+    put(2 * SLOTS, 0);
+    assert_int_equal(take_slots(2100 * MS), 0);
+    assert_int_equal(take_slots(2200 * MS), 1);
+    is_reported(0, 1, 2, 0, false, 0.6f);
+    assert_int_equal(take_slots(2400 * MS), 2);
+    is_reported(0, 1, 2, 0, false, 0);
+    is_reported(1, 1, 2 * SLOTS, 0, true, 0);
+    assert_int_equal(take_slots(2500 * MS), 1);
+    is_reported(0, 1, 2 * SLOTS, 0, false, 0.4f);
+}
+
 /* Changes that are left stay for the next calls, and none waits for ever. */
 static void test_limits_of_a_call(void **state) {
     (void)state;
@@ -242,6 +261,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(test_without_a_clock_tiles_come_and_go_at_once, start, end),
         cmocka_unit_test_setup_teardown(test_borders, start, end),
         cmocka_unit_test_setup_teardown(test_slots_run_out, start, end),
+        cmocka_unit_test_setup_teardown(test_full_slots_wait_for_a_fade, start, end),
         cmocka_unit_test_setup_teardown(test_limits_of_a_call, start, end),
         cmocka_unit_test_setup_teardown(test_noisy_tiles, start, end),
         cmocka_unit_test_setup_teardown(test_no_slots, start, end),

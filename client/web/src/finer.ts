@@ -13,7 +13,7 @@ export const SHARE_WHOLE = 63;
 const FADE_MS = 250;
 
 interface Kept {
-  texels: Uint32Array; // RGB9E5
+  texels: Uint32Array | null; // RGB9E5; null: withdrawn, and its slot still has them
   slot: number; // -1: none
   share: number; // that is shown, 0 to 1
 }
@@ -21,9 +21,11 @@ interface Kept {
 export class FinerTiles {
   private readonly kept = new Map<number, Kept>(); // by tile; last wanted ones last
   private readonly directions = new Map<number, Uint32Array>(); // by tile
+  private directed = false; // slots have directions, of some tile
   private readonly free: number[];
   private rank = new Map<number, number>(); // of the tiles that the view wants; 0: the first to get a slot
   private readonly fading = new Set<number>(); // tiles that may not be shown as much as the view wants
+  private readonly withdrawn = new Set<number>(); // tiles that fade out, and have a slot until they have
   private readonly shown = new Set<number>();
   private steppedMs = 0;
 
@@ -43,6 +45,7 @@ export class FinerTiles {
     const tile = this.kept.get(id);
     if (tile) tile.texels = texels.slice();
     else this.kept.set(id, { texels: texels.slice(), slot: -1, share: 0 });
+    if (this.withdrawn.delete(id)) this.fading.add(id);
     this.place(id);
     this.fill(id, -1);
   }
@@ -50,15 +53,19 @@ export class FinerTiles {
   /** Takes where a tile's light comes from. */
   direct(id: number, texels: Uint32Array): void {
     this.directions.set(id, texels);
+    this.directed = true;
     this.fill(id, -1);
   }
 
-  /** A tile is no light any more. */
+  /** A tile is no light any more. What is shown of it fades out, with the texels that its slot has. */
   drop(id: number): void {
     this.directions.delete(id);
-    if (!this.kept.has(id)) return;
-    this.evict(id);
-    this.kept.delete(id);
+    const tile = this.kept.get(id);
+    if (!tile?.texels) return;
+    tile.texels = null;
+    this.withdrawn.add(id);
+    this.fading.add(id);
+    if (!tile.share) this.forget(id);
     this.fill(id, -1);
   }
 
@@ -85,14 +92,16 @@ export class FinerTiles {
     let changed = false;
     for (const id of this.fading) {
       const tile = this.kept.get(id);
-      const goal = this.rank.has(id) ? 1 : 0;
+      const goal = tile?.texels && this.rank.has(id) ? 1 : 0;
       if (!tile || tile.slot < 0 || tile.share === goal) {
         this.fading.delete(id);
+        if (this.withdrawn.has(id)) this.forget(id);
         continue;
       }
       tile.share = goal ? Math.min(1, tile.share + step) : Math.max(0, tile.share - step);
       this.tell(id, tile);
       changed = true;
+      if (!tile.share && !tile.texels) this.forget(id);
     }
     return changed;
   }
@@ -109,7 +118,7 @@ export class FinerTiles {
     else this.shown.delete(id);
   }
 
-  /** Gives a tile a slot that is free, or that of one that is wanted less. */
+  /** Gives a tile a slot that is free, or that of one that fades out for good or is wanted less, at once. */
   private place(id: number): void {
     const tile = this.kept.get(id);
     if (!tile || tile.slot >= 0) return;
@@ -122,11 +131,20 @@ export class FinerTiles {
   }
 
   private makeRoom(rank: number): void {
+    const [leaving] = this.withdrawn;
+    if (leaving !== undefined) return this.forget(leaving);
     for (const [other, { slot }] of this.kept) {
       if (slot < 0) continue;
       if ((this.rank.get(other) ?? Infinity) > rank) this.evict(other);
       return;
     }
+  }
+
+  /** A withdrawn tile leaves its slot. */
+  private forget(id: number): void {
+    this.evict(id);
+    this.kept.delete(id);
+    this.withdrawn.delete(id);
   }
 
   private evict(id: number): void {
@@ -144,16 +162,16 @@ export class FinerTiles {
     for (let row = first; row <= 0; row++)
       for (let column = first; column <= 0; column++) {
         const other = this.map.beside(id, column, row);
-        const slot = this.kept.get(other)?.slot ?? -1;
-        if (slot < 0) continue;
+        const { slot, texels } = this.kept.get(other) ?? { slot: -1, texels: null };
+        if (slot < 0 || !texels) continue;
         this.write(slot, this.texelsOf(other, (tile) => this.kept.get(tile)?.texels), false);
-        if (this.directions.size)
+        if (this.directed)
           this.write(slot, this.texelsOf(other, (tile) => this.directions.get(tile)), true);
       }
   }
 
   /** A tile with one more column and row: those of the tiles beside and below, or its own last ones. */
-  private texelsOf(id: number, of: (tile: number) => Uint32Array | undefined): Uint32Array {
+  private texelsOf(id: number, of: (tile: number) => Uint32Array | null | undefined): Uint32Array {
     const { width, height } = this.map.place(id);
     const own = of(id);
     const out = new Uint32Array(SLOT_SIDE ** 2);

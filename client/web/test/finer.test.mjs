@@ -229,9 +229,72 @@ test('a tile fades in by the clock of who draws, and out when nobody wants it', 
   want(0);
   pool.step(Infinity);
   assert.equal(share(0), SHARE_WHOLE);
-  pool.drop(pool.map.plainCount);
-  assert.equal(share(0), 0, 'what is no light goes at once');
-  assert.equal(pool.step(1600), false);
+});
+
+test('a withdrawn tile fades out with its texels, and in again from there if it comes back', () => {
+  const { pool, id, take, want, slot, share, written } = slotsOf(4);
+  want(0, 1);
+  take(0);
+  take(1);
+  pool.step(Infinity);
+  pool.step(1000);
+  const before = [slot(0), written.get(slot(0))];
+  pool.drop(id(0));
+  assert.equal(share(0), SHARE_WHOLE, 'no picture was drawn since');
+  assert.equal(pool.step(1125), true);
+  assert.equal(share(0), Math.round(SHARE_WHOLE / 2));
+  take(1, 7);
+  assert.deepEqual([slot(0), written.get(slot(0))], before, 'it stays as it was');
+  take(0, 5);
+  assert.equal(slot(0), before[0]);
+  assert.deepEqual([written.get(slot(0))[0], written.get(slot(0))[64]], [5, 7]);
+  assert.equal(share(0), Math.round(SHARE_WHOLE / 2));
+  pool.step(1187.5);
+  assert.equal(share(0), Math.round(0.75 * SHARE_WHOLE));
+  pool.drop(id(0));
+  pool.drop(id(0));
+  assert.equal(pool.step(1375), true);
+  assert.equal(share(0), 0);
+  assert.equal(pool.step(1400), false);
+  for (const tile of [0, 2, 3]) take(tile); // its slot is free
+  want(0, 1, 2, 3);
+  pool.step(Infinity);
+  assert.deepEqual([0, 1, 2, 3].map(share), Array(4).fill(SHARE_WHOLE));
+  pool.drop(id(3));
+  pool.step(Infinity);
+  assert.equal(share(3), 0, 'without a clock it goes at once');
+});
+
+test('a full pool takes the slot of a tile that fades out at once, before those of others', () => {
+  const { pool, id, take, want, slot, share } = slotsOf(2, 256);
+  want(0, 1);
+  take(0);
+  take(1);
+  pool.step(Infinity);
+  pool.step(1000);
+  pool.drop(id(1));
+  pool.step(1050);
+  const freed = slot(1);
+  want(0, 1, 2);
+  take(2);
+  pool.step(1100);
+  assert.deepEqual([share(1), slot(2)], [0, freed]);
+  assert.equal(share(0), SHARE_WHOLE);
+  assert.ok(share(2) > 0);
+  take(1);
+  want(0, 1, 2); // it is wanted more than the one that has its slot
+  assert.deepEqual([share(2), share(0)], [0, SHARE_WHOLE]);
+});
+
+test('a withdrawn tile of which nothing is shown leaves its slot at once', () => {
+  const { pool, id, take, want, share } = slotsOf(1);
+  take(0);
+  pool.drop(id(0));
+  want(1);
+  take(1);
+  pool.step(Infinity);
+  assert.deepEqual([share(0), share(1)], [0, SHARE_WHOLE]);
+  assert.equal(pool.step(2000), false);
 });
 
 test('what nobody wants loses its slot first, and what the picture wants last', () => {
@@ -259,6 +322,26 @@ test('what nobody wants loses its slot first, and what the picture wants last', 
   pool.step(Infinity);
   assert.deepEqual(shown(), [0, 1]);
   assert.equal(pool.step(2000), false);
+});
+
+test('a tile without directions has none of the tile whose slot it has', () => {
+  const map = new AtlasMap([{ atlasWidth: 64, atlasHeight: 64 }], Uint32Array.of(0), 1);
+  const slot = { light: null, directions: null };
+  const pool = new FinerTiles(
+    map,
+    1,
+    (_, texels, directions) => (slot[directions ? 'directions' : 'light'] = texels),
+    () => {},
+  );
+  const [first, second] = [map.plainCount, map.plainCount + 3];
+  const texels = (value) => new Uint32Array(64 * 64).fill(value);
+  pool.take(first, texels(1));
+  assert.equal(slot.directions, null);
+  pool.direct(first, texels(7));
+  assert.equal(slot.directions[0], 7);
+  pool.drop(first);
+  pool.take(second, texels(2));
+  assert.deepEqual([slot.light[0], slot.directions[0]], [2, 0]);
 });
 
 test('a slot ends with the texels of the tiles beside and below, or with its own', () => {

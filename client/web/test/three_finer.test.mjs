@@ -59,9 +59,18 @@ async function withLight(more, look) {
   }
 }
 
-/** Light for a scene of its own; draws until end(). */
-const attach = async ([address, options]) => {
+/** Light for a scene of its own; draws until end(). bent: all surfaces have the same bent normal everywhere. */
+const attach = async ([address, options, bent]) => {
   globalThis.scene = await load();
+  globalThis.constant = (...rgb) => {
+    const map = new THREE.DataTexture(Uint8Array.of(...rgb, 255), 1, 1);
+    map.needsUpdate = true;
+    return map;
+  };
+  const normalMap = bent && constant(168, 222, 150);
+  scene.traverse(({ material }) => {
+    if (bent && material) Object.assign(material, { normalMap, normalMapType: THREE.ObjectSpaceNormalMap });
+  });
   scene.updateMatrixWorld(true);
   globalThis.light = await Lightwell.attach(scene, address, options);
   const draw = () => {
@@ -94,6 +103,34 @@ const settle = (page, tiles) =>
     },
     { given: tiles },
   );
+
+/** In the page: pictures with directions of finer levels (`finer`), and of level 0 alone (`plain`). Level 0
+ * has its own ones, or in `other` one direction everywhere; in `both` finer levels have that, too. */
+const drawDirections = () => {
+  const { pool, placed } = light;
+  const draw = () => {
+    renderer.render(scene, camera);
+    return renderer.domElement.toDataURL();
+  };
+  const layers = pool.farther.value;
+  const drawBoth = () => {
+    const finer = draw();
+    pool.farther.value = 0;
+    const plain = draw();
+    pool.farther.value = layers;
+    return { finer, plain };
+  };
+  const own = pool.texels.slice(layers * 65 ** 2).filter((word) => word).length;
+  const pictures = { own: drawBoth() };
+  for (const each of placed)
+    if (each?.directions) each.directions.uniforms.lightwellDirections.value = constant(230, 60, 128);
+  pictures.other = drawBoth();
+  const word = [230, 60, 128].reduce((sum, x, k) => sum | (Math.round((511 * x) / 255) << (9 * k)), 15 << 27);
+  pool.texels.fill(word >>> 0, layers * 65 ** 2);
+  pool.pool.needsUpdate = true;
+  pictures.both = drawBoth();
+  return { own, slots: pool.slots, layers, pictures };
+};
 
 async function denseReference(page) {
   const dense = await startDaemon(scene, ...DENSE);
@@ -135,6 +172,55 @@ test('three: finer levels come where the camera looks, and go', skip, () =>
     await page.evaluate(() => camera.position.set(1.5, 1.7, 2.2));
     await until(page, 'tiles that come again', () => light.finerTiles > 5);
     assert.equal(await page.evaluate(end), textures);
+  }),
+);
+
+/** Share of the values that are further apart than their rounding. */
+function shareApart(a, b) {
+  let apart = 0;
+  for (let i = 0; i < a.length; i++) apart += Math.abs(a[i] - b[i]) > 3;
+  return apart / a.length;
+}
+
+test('three: finer levels read their own directions, as level 0 does its', skip, () =>
+  withLight(['--directional', 'on'], async (page, address) => {
+    assert.equal(await page.evaluate(attach, [address, { finerSlots: 128 }, true]), 4);
+    await settle(page, 6);
+    const { own, slots, layers, pictures } = await page.evaluate(drawDirections);
+    assert.deepEqual([slots, layers], [128, 128]);
+    assert.ok(own > 64 * 64, `${own} texels of directions`);
+    const pixels = {};
+    for (const [name, { finer, plain }] of Object.entries(pictures))
+      pixels[name] = { finer: await pixelsOf(page, finer), plain: await pixelsOf(page, plain) };
+    const { own: known, other, both } = pixels;
+    const [reads, changes, changesPlain, same] = [
+      shareApart(known.finer, known.plain),
+      shareApart(known.finer, other.finer),
+      shareApart(known.plain, other.plain),
+      shareApart(both.finer, both.plain),
+    ];
+    console.log(`directions of finer levels change ${reads} of the values;`);
+    console.log(`other ones of level 0 ${changes}, and ${changesPlain} where finer levels have none`);
+    assert.ok(reads > 0.01);
+    assert.ok(changesPlain > 0.2 && changes < 0.5 * changesPlain);
+    assert.ok(same < 0.001, `${same} differ where both have one direction`);
+    await page.evaluate(end);
+    // a GPU with fewer layers
+    for (const [most, room] of [[200, 128], [100, 100]]) { // prettier-ignore
+      await page.evaluate((most) => {
+        const gl = renderer.getContext();
+        const all = Object.getPrototypeOf(gl).getParameter;
+        gl.getParameter = (name) => (name === gl.MAX_ARRAY_TEXTURE_LAYERS ? most : all.call(gl, name));
+      }, most);
+      await page.evaluate(attach, [address, { finerSlots: 128 }, true]);
+      await settle(page, 6);
+      const given = await page.evaluate(() => {
+        const { pool } = light;
+        return [pool.slots, pool.farther.value, pool.pool.image.depth];
+      });
+      assert.deepEqual(given, [room, 0, room]);
+      await page.evaluate(end);
+    }
   }),
 );
 

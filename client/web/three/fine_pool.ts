@@ -18,13 +18,16 @@ export const FINE_PIXELS = 4;
 export type FinerUniforms = Record<string, { value: unknown }>;
 
 /** Reads finer levels over a texel of level 0. uv: of the lightmap, 0 to 1. It stands outside all branches,
- * for it takes differences between pixels. */
+ * for it takes differences between pixels. With LIGHTWELL_DIRECTED, where the light of finer levels comes from
+ * is in lightwellFine, with the share of level 0 as its last number. */
 export const FINER_SHADER = `
 uniform highp sampler2DArray lightwellPool;
 uniform highp usampler2D lightwellTable;
 uniform highp ivec4 lightwellFiner[ ${LEVELS_MAX} ]; // first entry, columns, width, height
 uniform highp vec2 lightwellAtlas;
 uniform int lightwellLevels;
+uniform int lightwellFarther; // layers from light to where it comes from; 0: that is not known
+vec4 lightwellFine = vec4( 0.0, 0.0, 0.0, 1.0 );
 vec3 lightwellFinest( vec3 light, vec2 uv ) {
   highp vec2 place = uv * lightwellAtlas, right = dFdx( place ), down = dFdy( place );
   highp float texels = ${FINE_PIXELS ** 2}.0 * abs( right.x * down.y - right.y * down.x );
@@ -40,7 +43,14 @@ vec3 lightwellFinest( vec3 light, vec2 uv ) {
     float share = float( word >> ${SLOT_BITS} ) / ${SHARE_WHOLE}.0;
     vec3 within = vec3( ( at - vec2( ${TILE_SIDE} * tile ) + 0.5 ) / ${SLOT_SIDE}.0,
       float( word & ${SLOTS_MAX - 1}u ) );
-    if ( share > 0.0 ) light = mix( light, textureLod( lightwellPool, within, 0.0 ).rgb, share );
+    if ( share <= 0.0 ) continue;
+    light = mix( light, textureLod( lightwellPool, within, 0.0 ).rgb, share );
+#ifdef LIGHTWELL_DIRECTED
+    if ( lightwellFarther == 0 ) continue;
+    within.z += float( lightwellFarther );
+    vec3 direction = lightwellFromTexel( textureLod( lightwellPool, within, 0.0 ).rgb );
+    lightwellFine = mix( lightwellFine, vec4( direction, 0.0 ), share );
+#endif
   }
   return light;
 }
@@ -55,14 +65,18 @@ export class FinePool {
   private readonly whole = new WeakMap<THREE.Texture, number>(); // version that the GPU has
   private renderer: AnyRenderer | null = null;
   private readonly entryOf = new Set<number>(); // tiles that are shown
+  private readonly farther: { value: number }; // layers from light to where it comes from; 0: that is not known
 
-  /** map: with finer levels. */
+  /** map: with finer levels. directed: the server says where their light comes from. */
   constructor(
     private readonly map: AtlasMap,
     public slots: number,
+    directed: boolean,
   ) {
-    this.texels = new Uint32Array(slots * SLOT_SIDE ** 2);
-    this.pool = new THREE.DataArrayTexture(this.texels, SLOT_SIDE, SLOT_SIDE, slots);
+    this.farther = { value: directed ? slots : 0 };
+    const layers = slots + this.farther.value;
+    this.texels = new Uint32Array(layers * SLOT_SIDE ** 2);
+    this.pool = new THREE.DataArrayTexture(this.texels, SLOT_SIDE, SLOT_SIDE, layers);
     Object.assign(this.pool, RGB9E5);
     this.pool.magFilter = this.pool.minFilter = THREE.LinearFilter;
     const rows = Math.ceil((map.tileCount - map.plainCount) / (1 << TABLE_BITS));
@@ -86,24 +100,30 @@ export class FinePool {
     return new FinerTiles(
       this.map,
       this.slots,
-      (slot, texels) => this.write(slot, texels),
+      (slot, texels, directions) => this.write(slot + (directions ? this.farther.value : 0), texels),
       (id, entry) => this.show(id, entry),
     );
   }
 
-  /** Takes the renderer that draws the pool next. A GPU that takes fewer layers makes it smaller before it is drawn first,
-   * when no tile is in it. */
+  /** Takes the renderer that draws the pool next. A GPU that takes fewer layers makes it smaller before it is
+   * drawn first, when no tile is in it: without directions, then with fewer slots. */
   drawnBy(renderer: AnyRenderer): void {
     const isFirst = !this.renderer;
     this.renderer = renderer;
     if (!isFirst || !isWebGL(renderer)) return;
     const gl = renderer.getContext() as WebGL2RenderingContext;
     const layers = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number;
-    if (this.slots <= layers) return;
-    this.slots = layers;
-    this.pool.image.data = this.texels.subarray(0, layers * SLOT_SIDE ** 2);
-    this.pool.image.depth = layers;
+    if (this.slots + this.farther.value <= layers) return;
+    this.farther.value = 0;
+    this.slots = Math.min(this.slots, layers);
+    this.pool.image.data = this.texels.subarray(0, this.slots * SLOT_SIDE ** 2);
+    this.pool.image.depth = this.slots;
     this.tiles = this.emptySlots();
+  }
+
+  /** Takes where a tile's light comes from, if there is room for that. */
+  direct(id: number, texels: Uint32Array): void {
+    if (this.farther.value) this.tiles.direct(id, texels);
   }
 
   /** How many tiles are shown. */
@@ -115,10 +135,10 @@ export class FinePool {
     return this.whole.get(texture) === texture.version;
   }
 
-  private write(slot: number, texels: Uint32Array): void {
-    this.texels.set(texels, slot * texels.length);
+  private write(layer: number, texels: Uint32Array): void {
+    this.texels.set(texels, layer * texels.length);
     const { pool, renderer } = this;
-    if (!(renderer && this.isWhole(pool) && sendLayer(pool, renderer, slot, SLOT_SIDE, texels)))
+    if (!(renderer && this.isWhole(pool) && sendLayer(pool, renderer, layer, SLOT_SIDE, texels)))
       pool.needsUpdate = true;
   }
 
@@ -149,6 +169,7 @@ export class FinePool {
       lightwellFiner: { value: rows },
       lightwellAtlas: { value: new THREE.Vector2(levels[0]!.width, levels[0]!.height) },
       lightwellLevels: { value: finer.length },
+      lightwellFarther: this.farther,
     };
   }
 

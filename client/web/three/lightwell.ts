@@ -401,7 +401,7 @@ export class Lightwell {
     const { data, draws, clientLights, finer, directed } = message;
     this.clear();
     const map = (this.map = new AtlasMap(data.meshes, data.objectMesh, finer));
-    const pool = map.finer ? new FinePool(map, this.options.finerSlots!) : null;
+    const pool = map.finer ? new FinePool(map, this.options.finerSlots!, directed) : null;
     if (pool) this.changes.add(() => pool.dispose());
     this.pool = pool;
     this.placed = placeObjects(data, this.root, this.changes, this.missing, pool, directed);
@@ -589,9 +589,11 @@ export class Lightwell {
     this.tell({ kind: 'taken', count: first.at - from });
   }
 
-  /** Finer levels read the directions of level 0. */
   private takeDirections({ id, texels }: DirectionTile): void {
-    if (id >= this.map!.plainCount) return;
+    if (id >= this.map!.plainCount) {
+      this.pool?.direct(id, texels);
+      return;
+    }
     const place = this.map!.place(id);
     const { directions, lightmap } = this.placed[place.object] ?? {};
     if (!directions || !lightmap) return;

@@ -98,16 +98,19 @@ const finerMaps = (lines: string) =>
 
 // r is of the server's world, normals are of the camera's space
 const DIRECTED_SHADER = `
+#define LIGHTWELL_DIRECTED
 uniform highp sampler2D lightwellDirections;
 uniform mat4 lightwellRoot;
 ${DIRECTED.replace(' directed(', ' lightwellDirected(').replace(' fromTexel(', ' lightwellFromTexel(')}`;
 
 /** The same with factor and gain of light that comes from somewhere. */
-const directedMaps = (lines: string, smooth: boolean) =>
+const directedMaps = (lines: string, smooth: boolean, finer: boolean) =>
   lines.replace(
     'irradiance += lightMapIrradiance;',
     `#define LIGHTWELL_BY
-vec3 lightwellFrom = lightwellFromTexel( texture2D( lightwellDirections, vLightMapUv ).rgb );
+vec3 lightwellFrom = lightwellFromTexel( texture2D( lightwellDirections, vLightMapUv ).rgb );${
+      finer ? '\nlightwellFrom = lightwellFine.rgb + lightwellFine.a * lightwellFrom;' : ''
+    }
 lightwellFrom = mat3( lightwellRoot ) * lightwellFrom / length( lightwellRoot[ 0 ].xyz );
 vec2 lightwellBy = lightwellDirected( mat3( viewMatrix ) * lightwellFrom, nonPerturbedNormal, normal,
   reflect( - geometryViewDir, normal ), ${smooth ? 'material.roughness * material.roughness' : '1.0'} );
@@ -139,8 +142,8 @@ export function withServersLight(
       Object.assign(shader.uniforms, finer, directions);
       let lines = THREE.ShaderChunk.lights_fragment_maps;
       if (finer) lines = finerMaps(lines);
-      if (directions) lines = directedMaps(lines, smooth);
-      const functions = `${finer ? FINER_SHADER : ''}${directions ? DIRECTED_SHADER : ''}`;
+      if (directions) lines = directedMaps(lines, smooth, !!finer);
+      const functions = `${directions ? DIRECTED_SHADER : ''}${finer ? FINER_SHADER : ''}`;
       shader.fragmentShader = shader.fragmentShader
         .replace('#include <lightmap_pars_fragment>', `$&\n${functions}`)
         .replace('#include <lights_fragment_maps>', () => lines);
