@@ -162,6 +162,7 @@ static void add(struct lw_fine_tiles *fine, struct lw_fine_tile *tile) {
         texels->source[first + i] = source == LW_TEXEL_NONE ? source_below(fine, tile, i) : first + source;
         texels->filled[first + i] = !tile->texels.covered[i] && texels->source[first + i] != LW_TEXEL_NONE;
     }
+    lw_fine_texels_remember(fine->maker, &fine->map->place[tile->id.v], &tile->texels);
     EACH_LAYER(fine, layer) {
         lw_tiles_add_fine(layer->tiles, tile->id, &fine->map->place[tile->id.v], slot, &tile->texels.mesh,
                           tile->pair);

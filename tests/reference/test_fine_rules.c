@@ -3,6 +3,7 @@
 #include "tests/reference/fine_room.h"
 
 #include "common/base/log.h"
+#include "server/solve/surface/hidden_points.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -21,7 +22,7 @@ static const struct lw_solver_desc terms = {.bounces = 2,
                                             .target_error = 0.001f,
                                             .fine_tiles = TILES,
                                             .fine_when = LW_FINE_AFTER_FRAMES,
-                                            .threads = 2,
+                                            .threads = 1,
                                             .seed = 3};
 
 /* Log lines about room for detail, and the last one. */
@@ -38,6 +39,18 @@ void __wrap_lw_log(enum lw_log_level level, const char *format, ...) {
     vsnprintf(room_line.text, sizeof room_line.text, format, arguments);
     va_end(arguments);
     room_line.count++;
+}
+
+static _Atomic uint32_t searches;
+
+void __real_lw_hidden_points_find(const struct lw_hidden_points_search *search, uint32_t object,
+                                  const uint32_t *texel, uint32_t count, uint8_t *usable);
+void __wrap_lw_hidden_points_find(const struct lw_hidden_points_search *search, uint32_t object,
+                                  const uint32_t *texel, uint32_t count, uint8_t *usable);
+void __wrap_lw_hidden_points_find(const struct lw_hidden_points_search *search, uint32_t object,
+                                  const uint32_t *texel, uint32_t count, uint8_t *usable) {
+    searches++;
+    __real_lw_hidden_points_find(search, object, texel, count, usable);
 }
 
 static uint64_t step_to(struct room_solution *s, uint64_t from, uint64_t to) {
@@ -172,7 +185,7 @@ static void what_is_hidden_gets_no_tiles(void **state) {
     s.pose.object_hidden[ROOM_PLATE] = true;
     frame = step_to(&s, frame, frame + 2);
     fine_room_look_at(&s, LW_ATLAS_FINER + FINER + 1, ROOM_PLATE,
-                      ROOM_PLATE + 1); /* others, of what has light */
+                      ROOM_PLATE + 1); /* other tiles, of a plate with light */
     step_to(&s, frame, frame + END_FRAME);
     for (uint32_t id = s.map.plain_count; id < s.map.tile_count; id++)
         assert_false(s.map.place[id].level == LW_ATLAS_FINER + FINER + 1 && holds(&s, id));
@@ -180,6 +193,39 @@ static void what_is_hidden_gets_no_tiles(void **state) {
 }
 
 /* ---- room ---- */
+
+/* There is room for the floor's tiles. They give way to others, come back, and are not searched again. */
+static void what_comes_back_is_not_searched(void **state) {
+    (void)state;
+    struct room_solution s;
+    struct lw_solver_desc desc = terms;
+    uint32_t tiles, again;
+    uint64_t frame = 0;
+    fine_room_begin(&s, fine_room_scene(0), FINER, terms);
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, FLOOR, FLOOR + 1);
+    step_to(&s, 0, END_FRAME);
+    count_lost(&s, FLOOR, &desc.fine_tiles);
+    room_finish(&s);
+    fine_room_begin(&s, fine_room_scene(0), FINER, desc);
+    put_down(&s.pose, 0.399f);
+    frame = step_to(&s, frame, END_FRAME); /* the plate stands */
+    const uint32_t before = searches;
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, FLOOR, FLOOR + 1);
+    frame = step_to(&s, frame, frame + END_FRAME);
+    const uint32_t lost = count_lost(&s, FLOOR, &tiles), made = searches;
+    assert_true(tiles == desc.fine_tiles && made > before);
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, FLOOR + 1, FLOOR + 2);
+    frame = step_to(&s, frame, frame + END_FRAME);
+    count_lost(&s, FLOOR, &again);
+    assert_int_equal(again, 0);
+    const uint32_t others = searches;
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, FLOOR, FLOOR + 1);
+    step_to(&s, frame, frame + END_FRAME);
+    assert_int_equal(count_lost(&s, FLOOR, &again), lost);
+    assert_int_equal(again, tiles);
+    assert_int_equal(searches, others);
+    room_finish(&s);
+}
 
 /* The log says once how many tiles there is no room for, and which option gives more. */
 static void the_log_says_that_there_is_no_room(void **state) {
@@ -259,7 +305,7 @@ static void saved_light_leaves_them_out(void **state) {
 
 /* ---- seams and gutters ---- */
 
-/* Texels whose shown light is not what was solved. */
+/* Texels that show other light than the solved one. */
 static uint32_t count_welded(const struct lw_solver_tile *tile) {
     uint32_t welded = 0;
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
@@ -268,7 +314,7 @@ static uint32_t count_welded(const struct lw_solver_tile *tile) {
     return welded;
 }
 
-/* Level 0 of a ball is welded along its seams; its tiles of finer levels show what was solved. */
+/* Level 0 of a ball is welded along its seams. Its tiles of finer levels show the solved light. */
 static void seams_are_not_welded(void **state) {
     (void)state;
     const struct room room = room_with_two_lamps();
@@ -342,6 +388,7 @@ int main(void) {
         cmocka_unit_test(what_is_put_down_has_its_tiles_made_again),
         cmocka_unit_test(what_moves_keeps_its_tiles),
         cmocka_unit_test(what_is_hidden_gets_no_tiles),
+        cmocka_unit_test(what_comes_back_is_not_searched),
         cmocka_unit_test(the_log_says_that_there_is_no_room),
         cmocka_unit_test(saved_light_leaves_them_out),
         cmocka_unit_test(seams_are_not_welded),
