@@ -142,26 +142,28 @@ static void results_that_were_used_last_stay(void **state) {
     const struct lw_tile_place *place[FLOOR_TILES];
     for (uint32_t t = 0; t < FLOOR_TILES; t++) place[t] = place_of(&f, 0, t);
     make(&f, place[0], &made);
+    const struct lw_searched_texels arrays = {&made.mesh, made.covered, made.usable, made.filled,
+                                              made.walls, made.side,    made.source};
     lw_support_ok(lw_searched_tiles_create(2, 1 << 20, &tiles), NULL);
-    lw_searched_tiles_keep(tiles, place[0], 7, &made);
-    lw_searched_tiles_keep(tiles, place[1], 7, &made);
-    lw_searched_tiles_keep(tiles, place[0], 7, &made); /* used again */
-    lw_searched_tiles_keep(tiles, place[2], 7, &made);
+    lw_searched_tiles_keep(tiles, place[0], 7, &arrays);
+    lw_searched_tiles_keep(tiles, place[1], 7, &arrays);
+    lw_searched_tiles_keep(tiles, place[0], 7, &arrays); /* used again */
+    lw_searched_tiles_keep(tiles, place[2], 7, &arrays);
     assert_true(lw_searched_tiles_find(tiles, place[0], 7) && lw_searched_tiles_find(tiles, place[2], 7));
     assert_false(lw_searched_tiles_find(tiles, place[1], 7) || lw_searched_tiles_find(tiles, place[0], 8));
-    lw_searched_tiles_keep(tiles, place[0], 8, &made); /* in place of the one before */
+    lw_searched_tiles_keep(tiles, place[0], 8, &arrays); /* in place of the one before */
     assert_true(lw_searched_tiles_find(tiles, place[0], 8) && lw_searched_tiles_find(tiles, place[2], 7));
     const size_t one = lw_searched_tiles_memory_bytes(tiles) / 2;
     lw_searched_tiles_destroy(tiles);
     lw_support_ok(lw_searched_tiles_create(FLOOR_TILES, 2 * one, &tiles), NULL);
     for (uint32_t t = 0; t < FLOOR_TILES; t++) {
-        lw_searched_tiles_keep(tiles, place[t], 0, &made);
+        lw_searched_tiles_keep(tiles, place[t], 0, &arrays);
         assert_true(lw_searched_tiles_find(tiles, place[t], 0));
     }
     assert_false(lw_searched_tiles_find(tiles, place[0], 0));
     lw_searched_tiles_destroy(tiles);
     lw_support_ok(lw_searched_tiles_create(FLOOR_TILES, 8, &tiles), NULL);
-    lw_searched_tiles_keep(tiles, place[0], 0, &made); /* does not fit */
+    lw_searched_tiles_keep(tiles, place[0], 0, &arrays); /* does not fit */
     assert_false(lw_searched_tiles_find(tiles, place[0], 0));
     lw_searched_tiles_destroy(tiles);
     lw_fine_texels_finish(&made);

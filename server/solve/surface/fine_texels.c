@@ -11,9 +11,9 @@
 #define MARGIN 4u
 /* Texels of level 0 along the side of a cell, for which triangles are listed. */
 #define CELL 16u
-/* Results of searches that are kept: some 2 kB each. */
+/* Results of searches that are kept: some 0.5 kB each. */
 #define SEARCHED_MAX       4096u
-#define SEARCHED_BYTES_MAX (8u << 20)
+#define SEARCHED_BYTES_MAX (4u << 20)
 
 /* The triangles of a mesh by the cell of its atlas that they touch, those of their backs too. Entries are
  * 2 * triangle + (1 for its back). */
@@ -504,10 +504,21 @@ static struct window window_of(const struct lw_fine_texels_maker *maker, const s
     return w;
 }
 
+static struct lw_searched_texels arrays_of(const struct lw_fine_texels *fine) {
+    return (struct lw_searched_texels){.mesh = &fine->mesh,
+                                       .covered = fine->covered,
+                                       .usable = fine->usable,
+                                       .filled = fine->filled,
+                                       .walls = fine->walls,
+                                       .side = fine->side,
+                                       .source = fine->source};
+}
+
 void lw_fine_texels_remember(struct lw_fine_texels_maker *maker, const struct lw_tile_place *place,
                              const struct lw_fine_texels *fine) {
+    const struct lw_searched_texels arrays = arrays_of(fine);
     if (maker->searched && (fine->searched || fine->remembered))
-        lw_searched_tiles_keep(maker->searched, place, maker->texels->changes[place->object], fine);
+        lw_searched_tiles_keep(maker->searched, place, maker->texels->changes[place->object], &arrays);
 }
 
 enum lw_status lw_fine_texels_make(const struct lw_fine_texels_maker *maker,
@@ -524,7 +535,8 @@ enum lw_status lw_fine_texels_make(const struct lw_fine_texels_maker *maker,
     if (status == LW_OK && !remembered) begin(maker, &w);
     if (status == LW_OK && stands && !remembered) status = search(maker, &w, points, &searched);
     if (status == LW_OK && !cut_out(&w, place, out)) status = LW_NO_MEMORY;
-    if (status == LW_OK && remembered) status = lw_searched_tiles_restore(maker->searched, place, out);
+    const struct lw_searched_texels arrays = arrays_of(out);
+    if (status == LW_OK && remembered) status = lw_searched_tiles_restore(maker->searched, place, &arrays);
     if (status != LW_OK) lw_fine_texels_finish(out);
     out->searched = searched;
     out->remembered = remembered;

@@ -1,7 +1,6 @@
 #include "server/solve/surface/searched_tiles.h"
 
 #include "common/base/invariant.h"
-#include "server/solve/surface/fine_texels.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -11,9 +10,9 @@
 
 struct result {
     uint32_t object, level, x, y, changes;
-    uint32_t size; /* bytes has so many */
+    uint32_t size; /* bytes, compressed */
     uint64_t used;
-    uint8_t *bytes; /* compressed */
+    uint8_t *bytes;
 };
 
 struct lw_searched_tiles {
@@ -23,12 +22,15 @@ struct lw_searched_tiles {
     uint64_t clock;          /* calls of keep */
 };
 
-/* The arrays of a tile, as they are compressed. */
+/* The arrays of a tile, as they are compressed: differences, most of which are 0. Those of points and of
+ * coverage are from a tile without hidden points. */
 struct plain {
-    uint32_t side[LW_TILE_TEXELS_MAX];
-    uint32_t source[LW_TILE_TEXELS_MAX]; /* less the texel's own index: long runs are equal */
+    uint32_t side[LW_TILE_TEXELS_MAX];  /* less the side of the texel before */
+    int16_t source[LW_TILE_TEXELS_MAX]; /* less the texel's own index, or SOURCE_NONE */
     uint8_t covered[LW_TILE_TEXELS_MAX], usable[LW_TILE_TEXELS_MAX], walls[LW_TILE_TEXELS_MAX];
 };
+#define SOURCE_NONE INT16_MIN
+_Static_assert(LW_TILE_TEXELS_MAX < -INT16_MIN, "differences of indices fit");
 
 enum lw_status lw_searched_tiles_create(uint32_t tiles_max, size_t bytes_max,
                                         struct lw_searched_tiles **out_tiles) {
@@ -70,39 +72,49 @@ bool lw_searched_tiles_find(const struct lw_searched_tiles *tiles, const struct 
 }
 
 enum lw_status lw_searched_tiles_restore(const struct lw_searched_tiles *tiles,
-                                         const struct lw_tile_place *place, struct lw_fine_texels *texels) {
+                                         const struct lw_tile_place *place,
+                                         const struct lw_searched_texels *texels) {
     const struct result *r = find(tiles, place);
     struct plain *plain = malloc(sizeof *plain);
-    LW_INVARIANT(r && texels->mesh.texel_count <= LW_TILE_TEXELS_MAX);
+    LW_INVARIANT(r && texels->mesh->texel_count <= LW_TILE_TEXELS_MAX);
     if (!plain || ZSTD_decompress(plain, sizeof *plain, r->bytes, r->size) != sizeof *plain) {
         free(plain);
         return LW_NO_MEMORY;
     }
-    const uint32_t count = texels->mesh.texel_count;
-    memcpy(texels->covered, plain->covered, count);
-    memcpy(texels->usable, plain->usable, count);
+    const uint32_t count = texels->mesh->texel_count;
+    const struct lw_mesh_texels *mesh = texels->mesh;
     memcpy(texels->walls, plain->walls, count);
-    memcpy(texels->side, plain->side, count * sizeof *texels->side);
     for (uint32_t i = 0; i < count; i++) {
-        texels->source[i] = plain->source[i] + i;
+        texels->covered[i] = plain->covered[i] ^ mesh->covered[i];
+        texels->usable[i] = plain->usable[i] ^ lw_sample_points_all(&mesh->sample_points, i);
+        texels->side[i] = plain->side[i] + (i ? texels->side[i - 1] : 0);
+        texels->source[i] =
+            plain->source[i] == SOURCE_NONE ? LW_TEXEL_NONE : (uint32_t)(plain->source[i] + (int)i);
         texels->filled[i] = !texels->covered[i] && texels->source[i] != LW_TEXEL_NONE;
     }
     free(plain);
     return LW_OK;
 }
 
+static void fill(struct plain *plain, const struct lw_searched_texels *texels) {
+    const struct lw_mesh_texels *mesh = texels->mesh;
+    memcpy(plain->walls, texels->walls, mesh->texel_count);
+    for (uint32_t i = 0; i < mesh->texel_count; i++) {
+        plain->covered[i] = texels->covered[i] ^ mesh->covered[i];
+        plain->usable[i] = texels->usable[i] ^ lw_sample_points_all(&mesh->sample_points, i);
+        plain->side[i] = texels->side[i] - (i ? texels->side[i - 1] : 0);
+        plain->source[i] =
+            texels->source[i] == LW_TEXEL_NONE ? SOURCE_NONE : (int16_t)((int)texels->source[i] - (int)i);
+    }
+}
+
 /* Compresses a tile's arrays. malloc'ed; NULL: no memory. */
-static uint8_t *compress(const struct lw_fine_texels *texels, uint32_t *out_size) {
-    const uint32_t count = texels->mesh.texel_count;
+static uint8_t *compress(const struct lw_searched_texels *texels, uint32_t *out_size) {
     struct plain *plain = calloc(1, sizeof *plain);
     const size_t bound = ZSTD_compressBound(sizeof *plain);
     uint8_t *bytes = malloc(bound), *fitting = NULL;
     if (plain && bytes) {
-        memcpy(plain->covered, texels->covered, count);
-        memcpy(plain->usable, texels->usable, count);
-        memcpy(plain->walls, texels->walls, count);
-        memcpy(plain->side, texels->side, count * sizeof *texels->side);
-        for (uint32_t i = 0; i < count; i++) plain->source[i] = texels->source[i] - i;
+        fill(plain, texels);
         const size_t size = ZSTD_compress(bytes, bound, plain, sizeof *plain, COMPRESSION_LEVEL);
         if (!ZSTD_isError(size) && (fitting = realloc(bytes, size))) {
             bytes = NULL;
@@ -128,7 +140,7 @@ static struct result *oldest(const struct lw_searched_tiles *tiles) {
 }
 
 void lw_searched_tiles_keep(struct lw_searched_tiles *tiles, const struct lw_tile_place *place,
-                            uint32_t changes, const struct lw_fine_texels *texels) {
+                            uint32_t changes, const struct lw_searched_texels *texels) {
     struct result *r = find(tiles, place);
     const uint64_t used = ++tiles->clock;
     uint32_t size = 0;
