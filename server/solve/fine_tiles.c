@@ -162,6 +162,7 @@ static void add(struct lw_fine_tiles *fine, struct lw_fine_tile *tile) {
         texels->source[first + i] = source == LW_TEXEL_NONE ? source_below(fine, tile, i) : first + source;
         texels->filled[first + i] = !tile->texels.covered[i] && texels->source[first + i] != LW_TEXEL_NONE;
     }
+    lw_fine_texels_remember(fine->maker, &fine->map->place[tile->id.v], &tile->texels);
     EACH_LAYER(fine, layer) {
         lw_tiles_add_fine(layer->tiles, tile->id, &fine->map->place[tile->id.v], slot, &tile->texels.mesh,
                           tile->pair);
@@ -197,10 +198,12 @@ static bool review(struct lw_fine_tiles *fine, uint64_t frame) {
     return changed;
 }
 
-/* Whether the light of level 0 below a tile is good enough to go on with detail, in any layer. */
+/* Whether the light of level 0 below a tile is good enough to go on with detail, in any layer. That of hidden
+ * objects, spares among them, never is. */
 static bool is_due(const struct lw_fine_tiles *fine, lw_tile_id id) {
     const lw_tile_id below = lw_atlas_map_below(fine->map, id);
     if (fine->when == LW_FINE_AT_ONCE_FOR_MAPS) return true;
+    if (lw_tiles_at(fine->layer[0].tiles, below)->hidden) return false;
     EACH_LAYER(fine, layer) {
         const struct lw_solve_tile *tile = lw_tiles_at(layer->tiles, below);
         if (!tile->covered_count) return true;

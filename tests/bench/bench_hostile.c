@@ -6,6 +6,7 @@
  * FROM   an address of this machine that they come from, such as 127.0.0.2
  * Whatever the server says is read and dropped. One line at the end: bytes written, how often they were
  * closed, and the processor time that this took. */
+#include "client/include/lightwell/lightwell.h"
 #include "client/lib/tls_trust.h"
 #include "common/base/clock.h"
 #include "common/base/options.h"
@@ -29,11 +30,14 @@
 #define AGAIN_NS     200000000u /* from a close to the next connection */
 #define WRITE_ROUNDS 4          /* writes of a flood, before the next session has its turn */
 #define RECORDS      256        /* TLS records in a round, a byte each */
+#define FINER_TILES  1024u      /* as many as a session may list */
+#define FINER_NS     1000000000u
 
 /* name, link, what it does */
 #define KINDS(X)                                                                                             \
     X(PING, "ping", TCP, "PING without end")                                                                 \
     X(INTEREST, "interest", TCP, "INTEREST with 4,096 tiles")                                                \
+    X(FINER, "finer", TCP, "INTEREST with 1,024 tiles of finer levels, others each second")                  \
     X(EVERYTHING, "everything", TCP, "INTEREST of everything and of nothing, in turn")                       \
     X(ACK, "ack", TCP, "ACK of a frame that was had")                                                        \
     X(UPDATE, "update", TCP, "UPDATE without the right to")                                                  \
@@ -81,6 +85,8 @@ struct bytes {
 static struct script {
     struct bytes opening, flood;
     size_t first; /* bytes of the opening, before the answer; 0: it waits for none */
+    size_t *part; /* FINER: where each list begins, and the end */
+    size_t part_count;
 } script;
 
 struct peer {
@@ -88,6 +94,8 @@ struct peer {
     uint64_t due_ns; /* to connect */
     size_t begin;    /* bytes of the opening that were written */
     size_t flood;    /* bytes of the flood, modulo its size */
+    size_t part_end; /* FINER: of the list that is being said */
+    uint64_t part_due_ns;
     bool answered;
     struct lw_tls_stream *tls;
     struct lw_tls_output output;
@@ -133,10 +141,11 @@ static void add_frame(struct bytes *bytes, uint8_t first, const void *src, size_
 }
 
 static void add_greeting(struct bytes *bytes) {
-    add_message(bytes,
-                &(struct lw_message){
-                    .type = LW_MESSAGE_HELLO,
-                    .hello = {.version = LW_WIRE_VERSION, .features = LW_FEATURES_READ, .name = "hostile"}});
+    add_message(bytes, &(struct lw_message){
+                           .type = LW_MESSAGE_HELLO,
+                           .hello = {.version = LW_WIRE_VERSION,
+                                     .features = LW_FEATURES_READ | (kind == FINER ? LW_FEATURE_FINER : 0),
+                                     .name = "hostile"}});
     add_message(bytes, &(struct lw_message){.type = LW_MESSAGE_PACKAGE_REQUEST});
 }
 
@@ -210,6 +219,80 @@ static void write_flood(void) {
     }
 }
 
+/* ---- tiles of finer levels ---- */
+
+static void check(enum lw_live_status status, const struct lw_live_error *err) {
+    if (status == LW_LIVE_OK) return;
+    fprintf(stderr, "bench_hostile: %s\n", err->text);
+    exit(1);
+}
+
+/* Opens an honest session until it has the scene. */
+static struct lw_live *open_scene(const char *host, uint16_t port, struct lw_live_scene *out_scene,
+                                  uint32_t *out_levels) {
+    struct lw_live_desc desc = {
+        .struct_size = sizeof desc, .host = host, .port = port, .name = "scout", .finer_slots = 1};
+    struct lw_live_stats stats = {.struct_size = sizeof stats};
+    struct lw_live_finer finer = {.struct_size = sizeof finer};
+    struct lw_live_error err;
+    struct lw_live *live;
+    check(lw_live_open(&desc, &live, &err), &err);
+    while (!stats.has_scene) {
+        check(lw_live_poll(live, 100, &err), &err);
+        check(lw_live_get_stats(live, &stats, &err), &err);
+    }
+    check(lw_live_get_scene(live, out_scene, &err), &err);
+    check(lw_live_get_finer(live, &finer, &err), &err);
+    *out_levels = finer.level_count;
+    return live;
+}
+
+static void add_part(const struct lw_message_interest_tile *tile, uint32_t count) {
+    add_message(&script.flood, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
+                                                    .interest = {.tile = tile, .tile_count = count}});
+    script.part = realloc(script.part, (script.part_count + 2) * sizeof *script.part);
+    if (!script.part) fail("memory");
+    script.part[++script.part_count] = script.flood.size;
+}
+
+/* Lists all tiles of finer levels of the scene, FINER_TILES at a time. */
+static void write_finer(const char *host, uint16_t port) {
+    static struct lw_message_interest_tile tile[FINER_TILES];
+    struct lw_live_scene scene = {.struct_size = sizeof scene};
+    struct lw_live_pages pages = {.struct_size = sizeof pages};
+    struct lw_live_error err;
+    uint32_t levels, count = 0;
+    uint64_t all = 0;
+    struct lw_live *live = open_scene(host, port, &scene, &levels);
+    script.part = calloc(1, sizeof *script.part);
+    for (uint32_t object = 0; object < scene.object_count; object++)
+        for (uint32_t k = 1; k <= levels; k++) {
+            if (lw_live_get_pages(live, object, LW_LIVE_FINER + k, &pages, &err) != LW_LIVE_OK) continue;
+            for (uint32_t t = 0; t < pages.columns * pages.rows; t++, all++) {
+                tile[count++] = (struct lw_message_interest_tile){object, LW_LIVE_FINER + k, t};
+                if (count < FINER_TILES) continue;
+                add_part(tile, count);
+                count = 0;
+            }
+        }
+    if (count) add_part(tile, count);
+    lw_live_close(live);
+    printf("the scene has %llu tiles of finer levels: %zu lists\n", (unsigned long long)all,
+           script.part_count);
+    if (!script.part_count) exit(1);
+}
+
+/* Whether a session has a list to say now; begins its next one. */
+static bool begins_part(struct peer *p, size_t number, uint64_t now_ns) {
+    if (p->flood < p->part_end) return true;
+    if (now_ns < p->part_due_ns) return false;
+    const size_t part = (number + now_ns / FINER_NS) % script.part_count;
+    p->flood = script.part[part];
+    p->part_end = script.part[part + 1];
+    p->part_due_ns = now_ns + FINER_NS;
+    return true;
+}
+
 /* ---- connections ---- */
 
 static bool is_by_tls(void) { return kinds[kind].link == TLS || kinds[kind].link == HTTPS; }
@@ -219,7 +302,7 @@ static void dial(struct peer *p, const struct addrinfo *to) {
     if (p->socket < 0) fail("socket");
     if (own.sin_family && bind(p->socket, (struct sockaddr *)&own, sizeof own) != 0) fail("bind");
     if (connect(p->socket, to->ai_addr, to->ai_addrlen) != 0 && errno != EINPROGRESS) fail("connect");
-    p->begin = p->flood = p->sent = p->output.size = 0;
+    p->begin = p->flood = p->part_end = p->sent = p->output.size = 0;
     p->answered = false;
     if (is_by_tls() && lw_tls_stream_create(trust, "localhost", &p->tls) != LW_OK) fail("TLS");
 }
@@ -296,6 +379,11 @@ static ssize_t write_next(struct peer *p) {
         return n;
     }
     ssize_t total = 0;
+    if (kind == FINER) {
+        total = write_some(p->socket, flood->at + p->flood, p->part_end - p->flood);
+        if (total > 0) p->flood += (size_t)total;
+        return total;
+    }
     for (unsigned i = 0; flood->size && i < WRITE_ROUNDS; i++) {
         if (kind == GET_ONCE && i) break;
         const ssize_t n = write_some(p->socket, flood->at + p->flood, flood->size - p->flood);
@@ -307,12 +395,12 @@ static ssize_t write_next(struct peer *p) {
     return total;
 }
 
-static bool has_more_to_say(const struct peer *p) {
+static bool has_more_to_say(struct peer *p, size_t number, uint64_t now_ns) {
     if (p->tls)
         return !p->begin || p->output.size > p->sent ||
                (kind == RECORDS_OF_1 && lw_tls_stream_is_ready(p->tls));
     if (p->begin < script.opening.size) return p->answered || !script.first || p->begin < script.first;
-    return script.flood.size;
+    return kind == FINER ? begins_part(p, number, now_ns) : script.flood.size > 0;
 }
 
 static int usage(void) {
@@ -345,7 +433,6 @@ int main(int argc, char **argv) {
         own.sin_addr.s_addr = inet_addr(argv[5]);
         if (own.sin_addr.s_addr == INADDR_NONE) return usage();
     }
-    const uint64_t end_ns = lw_clock_ns() + (uint64_t)(atof(argv[4]) * 1e9);
     const struct addrinfo hints = {.ai_socktype = SOCK_STREAM};
     struct addrinfo *to;
     snprintf(service, sizeof service, "%u", (unsigned)port);
@@ -354,14 +441,18 @@ int main(int argc, char **argv) {
         lw_tls_trust_create(&(struct lw_tls_trust_desc){true, NULL, true}, &trust, &err) != LW_OK)
         fail(err.text);
     write_opening();
-    write_flood();
+    if (kind == FINER)
+        write_finer(host, port);
+    else
+        write_flood();
     for (int i = 0; i < count; i++) peer[i].socket = -1;
+    const uint64_t end_ns = lw_clock_ns() + (uint64_t)(atof(argv[4]) * 1e9);
     uint64_t written = 0, closed = 0, now_ns;
     while ((now_ns = lw_clock_ns()) < end_ns) {
         for (int i = 0; i < count; i++) {
             struct peer *p = &peer[i];
             if (p->socket < 0 && now_ns >= p->due_ns) dial(p, to);
-            const bool writes = p->socket >= 0 && has_more_to_say(p);
+            const bool writes = p->socket >= 0 && has_more_to_say(p, (size_t)i, now_ns);
             wait[i] = (struct pollfd){.fd = p->socket, .events = (short)(writes ? POLLIN | POLLOUT : POLLIN)};
         }
         poll(wait, (nfds_t)count, 10);

@@ -3,7 +3,8 @@
 
 Starts lightwelld with a scene whose solver never rests, with all threads that it takes by default: once plain,
 once with TLS. Beside it lightwell-load is the honest users and bench_hostile the others, with each kind in turn:
-opened, reopened and flooding all the time that is measured. What is told is the users' ping, from PING to PONG.
+opened, reopened and flooding all the time that is measured. What is told is the users' ping, from PING to PONG,
+and the age of their light. "finer" sends no flood, but a list of 1,024 tiles of finer levels a second.
 
 The hostile ones come from 127.0.0.2: an address of its own, with the limits of the own machine, which are wider
 than those of others. bench_hostile runs at the nice level --nice, 0 by default: as much of a core as the
@@ -14,7 +15,7 @@ processor time over time; and how much of a core the server's network thread too
 import argparse, json, os, re, subprocess, sys, tempfile, time, urllib.request
 
 BIN = os.environ.get("LW_BIN", os.path.join(os.path.dirname(__file__), "../../build/release/bin"))
-PLAIN = ("ping interest everything ack update connect hello half-hello empty-frames ping-frames fragments get "
+PLAIN = ("ping interest finer everything ack update connect hello half-hello empty-frames ping-frames fragments get "
          "not-modified get-once half-request").split()
 BY_TLS = "records handshakes half-handshake web-handshakes".split()
 WEB = "empty-frames ping-frames fragments get not-modified get-once half-request web-handshakes".split()
@@ -60,6 +61,10 @@ class Server:
         stages = dict(re.findall(r'lightwell_cpu_seconds_total{stage="(\w+)"} ([\d.e+-]+)', text))
         return float(stages["serve"]), float(re.search(r"^process_cpu_seconds_total ([\d.e+-]+)", text, re.M)[1])
 
+    def memory_mb(self):
+        status = open(f"/proc/{self.process.pid}/status").read()
+        return int(re.search(r"VmRSS:\s*(\d+)", status)[1]) / 1000
+
     def stop(self):
         self.process.terminate()
         if self.process.wait(60) != 0:
@@ -88,13 +93,14 @@ def measure(server, options, kind):
     else:
         did = "| | |"
     try:
-        ping = json.loads(honest.stdout)["ping_ms"]
-        times = f"{ping['p50']:.2f} / {ping['p99']:.1f}"
+        said = json.loads(honest.stdout)
+        ping, age = said["ping_ms"], said["light_age_ms"]
+        times = f"{ping['p50']:.2f} / {ping['p99']:.1f} | {age['p50']:.0f} / {age['p99']:.0f}"
     except (ValueError, KeyError, TypeError):
-        times = "no answer"
+        times = "no answer |"
         sys.stderr.write(honest.stderr)
     load = os.getloadavg()[0]
-    print(f"| {kind or 'nothing'} | {times} {did} | {loop:.2f} of {cores:.2f} | {load:.1f} |", flush=True)
+    print(f"| {kind or 'nothing'} | {times} {did} | {loop:.2f} of {cores:.2f} | {server.memory_mb():.0f} | {load:.1f} |", flush=True)
 
 
 def main():
@@ -109,8 +115,9 @@ def main():
     options = parser.parse_args()
     options.scene = options.scene.split()
     kinds = options.kinds.split()
-    print("| kind | p50 / p99, ms | MB written | closed | its cores | loop's, of the server's cores | load |")
-    print("|---|---|---|---|---|---|---|")
+    print("| kind | ping p50 / p99, ms | age of light, ms | MB written | closed | its cores "
+          "| loop's, of the server's cores | server's MB | load |")
+    print("|---|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for tls in (False, True):
             those = [kind for kind in kinds if (kind in BY_TLS) == tls]

@@ -1,8 +1,7 @@
 /* Tiles of finer levels: their texels and their light are those of a scene whose lightmaps are as fine. */
-#include "tests/reference/room.h"
+#include "tests/reference/fine_room.h"
 
 #include "common/base/colour.h"
-#include "common/lightmap/lightmap.h"
 #include "server/solve/surface/fine_texels.h"
 
 #include <stdio.h>
@@ -15,72 +14,6 @@ enum { DIRECTIONS = LW_LIGHT_FORMS_FULL | 1u << LW_TILE_CHANNEL_DIRECTION };
 
 static const struct lw_solver_desc terms = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.02f, .threads = 2, .seed = 3};
-
-/* A scene at twice its density, `finer` times over: the charts lie where they lie, magnified. */
-static void magnify(struct lw_scene *scene, uint32_t finer) {
-    for (uint32_t m = 0; m < scene->mesh_count; m++) {
-        struct lw_mesh *mesh = &scene->mesh[m];
-        struct lw_vec2 *uv = lw_scene_alloc(scene, mesh->vertex_count, sizeof *uv);
-        assert_non_null(uv);
-        for (uint32_t v = 0; v < mesh->vertex_count; v++)
-            uv[v] = (struct lw_vec2){mesh->lightmap_uv[v].x * (float)(1u << finer),
-                                     mesh->lightmap_uv[v].y * (float)(1u << finer)};
-        mesh->lightmap_uv = uv;
-        mesh->atlas_width <<= finer;
-        mesh->atlas_height <<= finer;
-        mesh->back_offset <<= finer;
-    }
-}
-
-static struct lw_scene *scene_of(uint32_t finer) {
-    const struct room room = room_with_two_lamps();
-    struct lw_scene *scene = room_scene(&room);
-    struct lw_error err = {0};
-    lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 9}, NULL, &err),
-                  &err);
-    magnify(scene, finer);
-    return scene;
-}
-
-#define ROOM 4096u /* ids of tiles of finer levels */
-
-/* Every tile of the finer levels has an id. */
-static void name_all(struct lw_atlas_map *map, const struct lw_scene *scene, uint32_t finer) {
-    lw_support_ok(lw_atlas_map_init_finer(map, scene, finer, finer ? ROOM : 0), NULL);
-    for (uint32_t o = 0; o < map->object_count; o++)
-        for (uint32_t k = 1; k <= finer; k++)
-            for (uint32_t t = 0; lw_atlas_map_has_tile(map, o, LW_ATLAS_FINER + k, t); t++)
-                assert_true(lw_atlas_map_claim_tile(map, o, LW_ATLAS_FINER + k, t).v != UINT32_MAX);
-}
-
-static void begin(struct room_solution *s, struct lw_scene *scene, uint32_t finer,
-                  struct lw_solver_desc desc) {
-    struct lw_error err = {0};
-    s->scene = scene;
-    name_all(&s->map, scene, finer);
-    lw_support_ok(lw_pose_init(&s->pose, scene), NULL);
-    desc.scene = scene;
-    desc.atlas_map = &s->map;
-    lw_support_ok(lw_solvers_create(NULL, &desc, &s->pose, &s->solver, &err), &err);
-}
-
-static void step(struct room_solution *s, uint64_t frame) {
-    struct lw_error err = {0};
-    lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, &err), &err);
-}
-
-/* Somebody looks at all tiles of a level of some objects. */
-static void look_at(struct room_solution *s, uint32_t level, uint32_t first_object, uint32_t end_object) {
-    uint8_t *interest = calloc(s->map.tile_count, 1);
-    assert_non_null(interest);
-    for (uint32_t id = 0; id < s->map.tile_count; id++) {
-        const struct lw_tile_place *place = &s->map.place[id];
-        const bool looked = place->width && place->object >= first_object && place->object < end_object;
-        interest[id] = place->level == 0 || (looked && place->level == level);
-    }
-    lw_support_ok(s->solver->ops->set_interest(s->solver, interest, NULL), NULL);
-    free(interest);
-}
 
 /* ---- texels ---- */
 
@@ -106,12 +39,12 @@ static void expect_same_texels(const struct lw_fine_texels *fine, const struct l
 
 static void texels_are_those_of_a_finer_atlas(void **state) {
     (void)state;
-    struct lw_scene *scene = scene_of(0), *magnified = scene_of(FINER);
+    struct lw_scene *scene = fine_room_scene(0), *magnified = fine_room_scene(FINER);
     struct lw_atlas_map map;
     struct lw_pose pose;
     struct lw_texels texels, all;
     struct lw_fine_texels_maker *maker;
-    name_all(&map, scene, FINER);
+    fine_room_name_all(&map, scene, FINER);
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_support_ok(lw_texels_init(&texels, scene, 1, NULL, NULL, NULL), NULL);
     lw_support_ok(lw_texels_init(&all, magnified, 1, NULL, NULL, NULL), NULL);
@@ -178,13 +111,14 @@ static void light_is_that_of_a_finer_atlas(void **state) {
     struct room_solution coarse, fine;
     struct lw_solver_desc desc = terms;
     desc.denoise = desc.directions = true;
-    begin(&fine, scene_of(FINER), 0, desc);
+    fine_room_begin(&fine, fine_room_scene(FINER), 0, desc);
     desc.fine_tiles = 64;
-    begin(&coarse, scene_of(0), FINER, desc);
+    fine_room_begin(&coarse, fine_room_scene(0), FINER, desc);
     fine.solver->ops->choose_channels(fine.solver, DIRECTIONS);
     coarse.solver->ops->choose_channels(coarse.solver, DIRECTIONS);
-    look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
-    for (uint64_t frame = 1; frame <= 30; frame++) step(&coarse, frame), step(&fine, frame);
+    fine_room_look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
+    for (uint64_t frame = 1; frame <= 30; frame++)
+        fine_room_step(&coarse, frame), fine_room_step(&fine, frame);
     const lw_tile_id *id;
     const uint32_t count = coarse.solver->ops->list_fine(coarse.solver, &id);
     assert_true(count > 8);
@@ -227,27 +161,27 @@ static void those_that_are_looked_at_have_the_room(void **state) {
     struct lw_solver_desc desc = terms;
     uint32_t all;
     uint64_t frame = 0;
-    struct lw_scene *scene = scene_of(0);
+    struct lw_scene *scene = fine_room_scene(0);
     struct lw_atlas_map map;
-    name_all(&map, scene, FINER);
+    fine_room_name_all(&map, scene, FINER);
     desc.fine_tiles = lw_atlas_level(map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_x *
                       lw_atlas_level(map.atlas[0], LW_ATLAS_FINER + FINER)->tiles_y;
     lw_atlas_map_finish(&map);
-    begin(&s, scene, FINER, desc);
+    fine_room_begin(&s, scene, FINER, desc);
     const uint32_t first = tiles_of(&s, 0, FINER), second = tiles_of(&s, 1, FINER);
     assert_true(first > 1 && second > 1);
-    look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
-    for (uint32_t k = 0; k < 20; k++) step(&s, ++frame);
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
+    for (uint32_t k = 0; k < 20; k++) fine_room_step(&s, ++frame);
     assert_int_equal(list(&s, 0, &all), first);
     assert_int_equal(all, first);
-    look_at(&s, LW_ATLAS_FINER + FINER, 0, 2); /* no room for the second's */
-    for (uint32_t k = 0; k < 20; k++) step(&s, ++frame);
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 0, 2); /* no room for the second's */
+    for (uint32_t k = 0; k < 20; k++) fine_room_step(&s, ++frame);
     assert_int_equal(list(&s, 0, &all), first);
     assert_int_equal(all, first);
     assert_int_equal(s.stats.tiles_fine, first);
     assert_int_equal(s.stats.tiles_fine_wanted, first + second);
-    look_at(&s, LW_ATLAS_FINER + FINER, 1, 2);
-    for (uint32_t k = 0; k < 20; k++) step(&s, ++frame);
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 1, 2);
+    for (uint32_t k = 0; k < 20; k++) fine_room_step(&s, ++frame);
     assert_int_equal(list(&s, 1, &all), second < first ? second : first);
     assert_int_equal(all, first); /* the rest stays while nobody needs the room */
     room_finish(&s);
@@ -261,10 +195,10 @@ static void coarser_levels_come_first(void **state) {
     const lw_tile_id *id;
     uint64_t frame = 0;
     desc.fine_tiles = 4;
-    begin(&s, scene_of(0), FINER, desc);
+    fine_room_begin(&s, fine_room_scene(0), FINER, desc);
     assert_true(tiles_of(&s, 0, FINER) >= 4 && tiles_of(&s, 0, 1) < 4);
-    look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
-    for (uint32_t k = 0; k < 24; k++) step(&s, ++frame);
+    fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
+    for (uint32_t k = 0; k < 24; k++) fine_room_step(&s, ++frame);
     assert_int_equal(s.solver->ops->list_fine(s.solver, &id), 4);
     uint8_t *interest = calloc(s.map.tile_count, 1);
     assert_non_null(interest);
@@ -272,7 +206,7 @@ static void coarser_levels_come_first(void **state) {
         interest[i] = s.map.place[i].level == 0 || (s.map.place[i].width && s.map.place[i].object == 0);
     lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
     free(interest);
-    for (uint32_t k = 0; k < 24; k++) step(&s, ++frame);
+    for (uint32_t k = 0; k < 24; k++) fine_room_step(&s, ++frame);
     const uint32_t count = s.solver->ops->list_fine(s.solver, &id);
     uint32_t coarser = 0;
     for (uint32_t k = 0; k < count; k++) coarser += s.map.place[id[k].v].level == LW_ATLAS_FINER + 1;
@@ -292,7 +226,7 @@ static void turns_come_before_levels(void **state) {
     uint32_t at[2] = {0};
     desc.fine_tiles = SLOTS;
     desc.fine_when = LW_FINE_AFTER_FRAMES;
-    begin(&s, scene_of(0), FINER, desc);
+    fine_room_begin(&s, fine_room_scene(0), FINER, desc);
     uint8_t *interest = calloc(s.map.tile_count, 1);
     assert_non_null(interest);
     for (uint32_t id = 0; id < s.map.tile_count; id++) {
@@ -304,7 +238,7 @@ static void turns_come_before_levels(void **state) {
     }
     assert_true(at[0] + MODEST > SLOTS && at[1] == MODEST);
     lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
-    for (uint64_t frame = 1; frame <= FRAMES; frame++) step(&s, frame);
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) fine_room_step(&s, frame);
     uint32_t there = 0;
     for (uint32_t id = 0; id < s.map.tile_count; id++)
         there += interest[id] && lw_atlas_finer(s.map.place[id].level) == FINER &&
@@ -324,15 +258,15 @@ static void interest_that_jumps_is_bounded(void **state) {
     struct lw_solver_desc desc = terms;
     desc.fine_tiles = SLOTS;
     desc.fine_when = LW_FINE_AFTER_FRAMES;
-    begin(&s, scene_of(0), FINER, desc);
+    fine_room_begin(&s, fine_room_scene(0), FINER, desc);
     const size_t empty_bytes = s.solver->ops->memory_bytes(s.solver);
     uint8_t *held = calloc(s.map.tile_count, 1);
     assert_non_null(held);
     uint32_t made_in_all = 0;
     for (uint64_t frame = 1; frame <= FRAMES; frame++) {
         const uint32_t object = (uint32_t)frame % ROOM_FACES;
-        look_at(&s, LW_ATLAS_FINER + 1 + (uint32_t)frame % FINER, object, object + 1);
-        step(&s, frame);
+        fine_room_look_at(&s, LW_ATLAS_FINER + 1 + (uint32_t)frame % FINER, object, object + 1);
+        fine_room_step(&s, frame);
         uint32_t there = 0, made = 0;
         for (uint32_t id = s.map.plain_count; id < s.map.tile_count; id++) {
             const bool holds = s.solver->ops->holds_fine(s.solver, (lw_tile_id){id});
@@ -378,13 +312,13 @@ static void threads_change_nothing(void **state) {
         desc.threads = k + 1;
         desc.denoise = true;
         desc.frame_budget_units = 8000;
-        begin(&s[k], scene_of(0), FINER, desc);
+        fine_room_begin(&s[k], fine_room_scene(0), FINER, desc);
         for (uint64_t frame = 1; frame <= 40; frame++) {
             if (frame % 8 == 1)
-                look_at(&s[k], LW_ATLAS_FINER + 1 + frame / 8 % FINER, (uint32_t)frame / 8,
-                        (uint32_t)frame / 8 + 2);
+                fine_room_look_at(&s[k], LW_ATLAS_FINER + 1 + frame / 8 % FINER, (uint32_t)frame / 8,
+                                  (uint32_t)frame / 8 + 2);
             if (frame > 20) s[k].pose.light[0].position_ws.x += 0.01f;
-            step(&s[k], frame);
+            fine_room_step(&s[k], frame);
         }
     }
     expect_same(&s[0], &s[1]);
@@ -398,12 +332,13 @@ static void level_0_does_not_depend_on_them(void **state) {
     (void)state;
     struct room_solution with, without;
     struct lw_solver_desc desc = terms;
-    begin(&without, scene_of(0), FINER, desc);
+    fine_room_begin(&without, fine_room_scene(0), FINER, desc);
     desc.fine_tiles = 32;
-    begin(&with, scene_of(0), FINER, desc);
-    look_at(&with, LW_ATLAS_FINER + FINER, 0, 3);
-    look_at(&without, LW_ATLAS_FINER + FINER, 0, 3);
-    for (uint64_t frame = 1; frame <= 12; frame++) step(&with, frame), step(&without, frame);
+    fine_room_begin(&with, fine_room_scene(0), FINER, desc);
+    fine_room_look_at(&with, LW_ATLAS_FINER + FINER, 0, 3);
+    fine_room_look_at(&without, LW_ATLAS_FINER + FINER, 0, 3);
+    for (uint64_t frame = 1; frame <= 12; frame++)
+        fine_room_step(&with, frame), fine_room_step(&without, frame);
     const lw_tile_id *id;
     assert_true(with.solver->ops->list_fine(with.solver, &id) > 0);
     assert_int_equal(without.solver->ops->list_fine(without.solver, &id), 0);
@@ -423,22 +358,22 @@ static void layers_share_them(void **state) {
     struct lw_solver_desc desc = terms;
     desc.fine_tiles = 64;
     desc.directions = true;
-    begin(&alone, scene_of(0), FINER, desc);
+    fine_room_begin(&alone, fine_room_scene(0), FINER, desc);
     layered.scene = NULL;
-    struct lw_scene *scene = scene_of(0);
+    struct lw_scene *scene = fine_room_scene(0);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     lw_support_ok(lw_light_groups_init(&groups, scene, &pose, "left", &err), &err);
     desc.light_groups = &groups;
-    begin(&layered, scene, FINER, desc);
+    fine_room_begin(&layered, scene, FINER, desc);
     alone.solver->ops->choose_channels(alone.solver, DIRECTIONS);
     layered.solver->ops->choose_channels(layered.solver, DIRECTIONS);
-    look_at(&alone, LW_ATLAS_FINER + FINER, 0, 1);
-    look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
+    fine_room_look_at(&alone, LW_ATLAS_FINER + FINER, 0, 1);
+    fine_room_look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
     for (uint64_t frame = 1; frame <= 60; frame++) {
         if (frame == 30) alone.pose.light[0].intensity = layered.pose.light[0].intensity = lw_vec3(1, 1, 1);
-        step(&alone, frame);
-        step(&layered, frame);
+        fine_room_step(&alone, frame);
+        fine_room_step(&layered, frame);
     }
     const lw_tile_id *id, *other;
     const uint32_t count = alone.solver->ops->list_fine(alone.solver, &id);

@@ -268,6 +268,44 @@ static void finer_levels_are_there(void **state) {
     room_finish(&s);
 }
 
+/* --keep has the sums of the coarse scene: who loads them shows coarse light at once, and tiles are made
+ * again. */
+static void kept_light_is_the_coarse_scene(void **state) {
+    (void)state;
+    static const uint8_t key[16] = {5};
+    const char *path = lw_support_temporary("state");
+    struct room_solution s, loaded;
+    struct lw_error err = {0};
+    uint32_t coarse, lit;
+    uint64_t frames;
+    begin(&s, true, terms);
+    look_at(&s, 0, false);
+    step(&s, 1, FRAMES);
+    count_floor(&s, &coarse, &lit);
+    assert_true(coarse == 0 && lit > 1);
+    lw_support_ok(s.solver->ops->save(s.solver, path, key, &err), &err);
+    begin(&loaded, true, terms);
+    lw_support_ok(loaded.solver->ops->load(loaded.solver, path, key, &frames, &err), &err);
+    assert_int_equal(frames, FRAMES);
+    count_floor(&loaded, &coarse, &lit);
+    assert_true(coarse > 1 && lit == 0);
+    for (uint32_t id = 0; id < s.map.plain_count; id++) {
+        if (s.map.place[id].level || s.map.place[id].object == 0) continue; /* walls are coarse in both */
+        double sum[2] = {0}, texels[2] = {0};
+        struct lw_solver_tile tile = read(&s, id);
+        add_light(&tile, &sum[0], &texels[0]);
+        tile = read(&loaded, id);
+        add_light(&tile, &sum[1], &texels[1]);
+        assert_true(texels[0] == texels[1] && sum[0] == sum[1]);
+    }
+    look_at(&loaded, 0, false);
+    step(&loaded, frames + 1, 20);
+    count_floor(&loaded, &coarse, &lit);
+    assert_true(coarse == 0 && lit > 1);
+    room_finish(&s);
+    room_finish(&loaded);
+}
+
 /* The same interest and frames give the same bytes at any thread count. */
 static void bytes_are_the_same(void **state) {
     (void)state;
@@ -318,6 +356,7 @@ int main(void) {
         cmocka_unit_test(the_rest_is_coarse),
         cmocka_unit_test(what_gives_way_is_coarse_again),
         cmocka_unit_test(finer_levels_are_there),
+        cmocka_unit_test(kept_light_is_the_coarse_scene),
         cmocka_unit_test(bytes_are_the_same),
         cmocka_unit_test(memory_is_less),
     };

@@ -2,6 +2,7 @@
 
 #include "common/base/invariant.h"
 #include "server/solve/surface/crossings.h"
+#include "server/solve/surface/searched_tiles.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -10,6 +11,9 @@
 #define MARGIN 4u
 /* Texels of level 0 along the side of a cell, for which triangles are listed. */
 #define CELL 16u
+/* Results of searches that are kept: some 0.5 kB each. */
+#define SEARCHED_MAX       4096u
+#define SEARCHED_BYTES_MAX (4u << 20)
 
 /* The triangles of a mesh by the cell of its atlas that they touch, those of their backs too. Entries are
  * 2 * triangle + (1 for its back). */
@@ -24,6 +28,7 @@ struct lw_fine_texels_maker {
     struct cells *cells; /* per mesh */
     uint32_t *zero;      /* per object: texels of a window begin at 0 */
     bool has_albedo;
+    struct lw_searched_tiles *searched; /* NULL: nothing is remembered */
 };
 
 enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels, bool has_albedo,
@@ -34,7 +39,9 @@ enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels, bool 
     maker->has_albedo = has_albedo;
     maker->cells = calloc(texels->scene->mesh_count + 1ul, sizeof *maker->cells);
     maker->zero = calloc(texels->scene->object_count + 1ul, sizeof *maker->zero);
-    if (!maker->cells || !maker->zero) {
+    if (!maker->cells || !maker->zero ||
+        (!has_albedo &&
+         lw_searched_tiles_create(SEARCHED_MAX, SEARCHED_BYTES_MAX, &maker->searched) != LW_OK)) {
         lw_fine_texels_maker_destroy(maker);
         return LW_NO_MEMORY;
     }
@@ -50,12 +57,14 @@ void lw_fine_texels_maker_destroy(struct lw_fine_texels_maker *maker) {
     }
     free(maker->cells);
     free(maker->zero);
+    lw_searched_tiles_destroy(maker->searched);
     free(maker);
 }
 
 size_t lw_fine_texels_maker_memory_bytes(const struct lw_fine_texels_maker *maker) {
     const struct lw_scene *scene = maker->texels->scene;
-    size_t bytes = scene->mesh_count * sizeof *maker->cells + scene->object_count * sizeof *maker->zero;
+    size_t bytes = scene->mesh_count * sizeof *maker->cells + scene->object_count * sizeof *maker->zero +
+                   lw_searched_tiles_memory_bytes(maker->searched);
     for (uint32_t m = 0; m < scene->mesh_count; m++) {
         const struct cells *cells = &maker->cells[m];
         const size_t count = (size_t)cells->columns * cells->rows;
@@ -354,13 +363,14 @@ static void find_hidden(const struct lw_hidden_points_search *search, const stru
 }
 
 static enum lw_status search(const struct lw_fine_texels_maker *maker, struct window *w,
-                             const struct lw_hidden_points_search *points) {
+                             const struct lw_hidden_points_search *points, bool *out_any) {
     struct lw_texels texels = as_texels(w, maker);
     const uint32_t blocks = lw_texels_blocks_along(w->width) * lw_texels_blocks_along(w->height);
     uint32_t *texel = malloc((w->texels.texel_count + 1ul) * sizeof *texel);
     bool *block = calloc(blocks + 1ul, sizeof *block);
     enum lw_status status = texel && block ? LW_OK : LW_NO_MEMORY;
     const uint32_t count = status == LW_OK ? list_doubtful(maker->texels, w, texel, block) : 0;
+    *out_any = count > 0;
     if (count) {
         struct lw_hidden_points_search hidden = *points;
         uint64_t yielding = 0;
@@ -494,17 +504,42 @@ static struct window window_of(const struct lw_fine_texels_maker *maker, const s
     return w;
 }
 
+static struct lw_searched_texels arrays_of(const struct lw_fine_texels *fine) {
+    return (struct lw_searched_texels){.mesh = &fine->mesh,
+                                       .covered = fine->covered,
+                                       .usable = fine->usable,
+                                       .filled = fine->filled,
+                                       .walls = fine->walls,
+                                       .side = fine->side,
+                                       .source = fine->source};
+}
+
+void lw_fine_texels_remember(struct lw_fine_texels_maker *maker, const struct lw_tile_place *place,
+                             const struct lw_fine_texels *fine) {
+    const struct lw_searched_texels arrays = arrays_of(fine);
+    if (maker->searched && (fine->searched || fine->remembered))
+        lw_searched_tiles_keep(maker->searched, place, maker->texels->changes[place->object], &arrays);
+}
+
 enum lw_status lw_fine_texels_make(const struct lw_fine_texels_maker *maker,
                                    const struct lw_hidden_points_search *points,
                                    const struct lw_tile_place *place, struct lw_fine_texels *out) {
     struct window w = window_of(maker, place);
-    const bool *stands = maker->texels->stands;
+    const bool stands = maker->texels->stands && maker->texels->stands[place->object],
+               remembered = stands && lw_searched_tiles_find(maker->searched, place,
+                                                             maker->texels->changes[place->object]);
+    bool searched = false;
     enum lw_status status =
         window_allocate(&w, maker->texels->scene->mesh_count) && rasterise(&w, maker) ? LW_OK : LW_NO_MEMORY;
     *out = (struct lw_fine_texels){0};
-    if (status == LW_OK) begin(maker, &w);
-    if (status == LW_OK && stands && stands[place->object]) status = search(maker, &w, points);
+    if (status == LW_OK && !remembered) begin(maker, &w);
+    if (status == LW_OK && stands && !remembered) status = search(maker, &w, points, &searched);
     if (status == LW_OK && !cut_out(&w, place, out)) status = LW_NO_MEMORY;
+    const struct lw_searched_texels arrays = arrays_of(out);
+    if (status == LW_OK && remembered) status = lw_searched_tiles_restore(maker->searched, place, &arrays);
+    if (status != LW_OK) lw_fine_texels_finish(out);
+    out->searched = searched;
+    out->remembered = remembered;
     window_finish(&w);
     return status;
 }

@@ -4,7 +4,8 @@
  *
  * They are rasterised, searched for hidden points and parted by walls as those of level 0 are, together with
  * some texels around the tile. Only near texels of level 0 that have lost points, or on which a wall stands,
- * are they searched: all others have every point. */
+ * are they searched: all others have every point. The result of a search is kept for when the tile is made
+ * again (searched_tiles.h). */
 #ifndef LW_SURFACE_FINE_TEXELS_H
 #define LW_SURFACE_FINE_TEXELS_H
 
@@ -17,11 +18,14 @@ struct lw_fine_texels {
      * LW_TEXEL_NONE. */
     uint8_t *covered, *usable, *filled, *walls;
     uint32_t *side, *source;
+    bool searched;   /* some of its texels were searched, by this call */
+    bool remembered; /* the result of an earlier search was used */
 };
 
 struct lw_fine_texels_maker;
 
 /** texels: outlive it. has_albedo: texels have their albedo, which takes as long again.
+ * That is for bakes, which make each tile once: no result of a search is kept.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels, bool has_albedo,
                                                          struct lw_fine_texels_maker **out_maker);
@@ -39,10 +43,13 @@ LW_MUST_CHECK enum lw_status lw_fine_texels_make(const struct lw_fine_texels_mak
                                                  const struct lw_hidden_points_search *points,
                                                  const struct lw_tile_place *place,
                                                  struct lw_fine_texels *out);
+/** Keeps the result of the search of a tile that was made. One thread, while no tile is made. */
+void lw_fine_texels_remember(struct lw_fine_texels_maker *maker, const struct lw_tile_place *place,
+                             const struct lw_fine_texels *fine);
 /** A zeroed one is fine. */
 void lw_fine_texels_finish(struct lw_fine_texels *fine);
 
-/** Bytes held by the lists of triangles. */
+/** Bytes held by the lists of triangles and by results of searches. */
 size_t lw_fine_texels_maker_memory_bytes(const struct lw_fine_texels_maker *maker);
 
 #endif
