@@ -597,7 +597,7 @@ static void test_tile_that_comes_back(void **state) {
     assert_true(p.fine.word[1] == 0 && p.fine.used == 2 && p.fine.waiting == 1);
     const uint64_t uploaded = p.fine.uploaded;
     assert_int_equal(lw_atlas_map_claim_name(&p.world.map, 1).v, nth(&p, 1));
-    p.world.tile[nth(&p, 1)].version = 1; /* of another run: other texels */
+    p.world.tile[nth(&p, 1)].version = 1; /* another run has other texels */
     take_tiles_at(&p, 4 * SECOND, UINT32_MAX);
     assert_true(slot_of(&p, 1) == slot && p.fine.used == 2);
     assert_int_equal(p.fine.uploaded, uploaded + 2); /* with the tile of whose border it is */

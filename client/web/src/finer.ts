@@ -15,7 +15,7 @@ const FADE_MS = 250;
 interface Kept {
   texels: Uint32Array | null; // RGB9E5; null: withdrawn, and its slot still has them
   slot: number; // -1: none
-  share: number; // that is shown, 0 to 1
+  share: number; // the shown share, 0 to 1
 }
 
 export class FinerTiles {
@@ -23,7 +23,7 @@ export class FinerTiles {
   private readonly directions = new Map<number, Uint32Array>(); // by tile
   private directed = false; // slots have directions, of some tile
   private readonly free: number[];
-  private rank = new Map<number, number>(); // of the tiles that the view wants; 0: the first to get a slot
+  private rank = new Map<number, number>(); // ranks of the tiles that the view wants; 0 gets a slot first
   private readonly fading = new Set<number>(); // tiles that may not be shown as much as the view wants
   private readonly withdrawn = new Set<number>(); // tiles that fade out, and have a slot until they have
   private readonly shown = new Set<number>();
@@ -57,7 +57,7 @@ export class FinerTiles {
     this.fill(id, -1);
   }
 
-  /** A tile is no light any more. What is shown of it fades out, with the texels that its slot has. */
+  /** A tile is withdrawn. Its shown share fades out, with the texels in its slot. */
   drop(id: number): void {
     this.directions.delete(id);
     const tile = this.kept.get(id);

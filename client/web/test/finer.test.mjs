@@ -317,7 +317,7 @@ test('what nobody wants loses its slot first, and what the picture wants last', 
   take(5);
   pool.step(Infinity);
   assert.deepEqual(shown(), [2, 3, 4], 'it has no rank');
-  // what comes back is still there
+  // the tile that comes back still has its slot
   want(0, 1);
   pool.step(Infinity);
   assert.deepEqual(shown(), [0, 1]);
