@@ -2,7 +2,7 @@
 # detail_walk.sh [--size WxH] [--seconds S] FOLDER SCENE CAMERA...: somebody goes from camera to camera, and stays
 # S seconds (10) at each. FOLDER/walk.png has a picture from each at the end of its stay: above without finer levels
 # (--detail 0), below with them. FOLDER/walk.csv has memory, tiles of finer levels, and tiles that were asked for,
-# twice a second; walk.svg shows it.
+# twice a second; walk.svg shows it. LW_WALK_DAEMON: further options of lightwelld.
 set -euo pipefail
 . "$(dirname "$0")/served.bash"
 size=288x216 seconds=10
@@ -22,6 +22,7 @@ work=$(mktemp -d)
 sampler=
 trap '[ -z "$sampler" ] || kill $sampler; stop_serving; rm -rf "$work"' EXIT
 rows=()
+read -r -a more <<<"${LW_WALK_DAEMON:-}"
 echo 'detail,s,MB,tiles,wanted' >"$folder/walk.csv"
 
 figure() { sed -n "s/.*\"$1\": *\([0-9]*\).*/\1/p" "$work/stats"; }
@@ -38,7 +39,8 @@ sample() {
 }
 
 for detail in 0 4; do
-    serve "$work" "$scene" --freeze 0 --cache "$work/kept" --detail $detail --control-socket "$work/control"
+    serve "$work" "$scene" --freeze 0 --cache "$work/kept" --detail $detail --control-socket "$work/control" \
+        "${more[@]}"
     sample $detail >>"$folder/walk.csv" &
     sampler=$!
     at=0
