@@ -131,7 +131,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
         LW_ACCESS_OPTIONS(&s->access_options),
         {"updates", "HOST[:PORT]",
          "the server that takes the changes of clients, where UPSTREAM is NATS, which carries light alone: "
-         "the lightwelld that publishes the light, or a relay of it; unix:PATH, too (default: UPSTREAM)",
+         "the lightwelld that publishes the light; unix:PATH, too (default: UPSTREAM)",
          LW_OPTION_STRING, &s->updates, 0, 0, NULL},
         {"cache", "FOLDER",
          "keep scene packages there, so that none is downloaded twice; \"\": nowhere "

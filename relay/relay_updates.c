@@ -47,6 +47,7 @@ struct lw_relay_updates {
     pthread_mutex_t
         mutex; /* guards what follows; not held in waits. The light's functions are called with it */
     struct lw_server *server; /* NULL: there is none */
+    uint64_t retry_ns;        /* until then nobody connects */
     struct control control[LW_RELAY_UPDATES_TOKENS_MAX];
 };
 
@@ -166,6 +167,8 @@ static void connect_control(struct lw_relay_updates *u, struct control *c) {
         return;
     }
     c->retry_ns = lw_clock_ns() + RETRY_NS;
+    /* Nobody is there for other tokens either: they need not wait for a connect, one after another. */
+    if (status != LW_OK && status != LW_NOT_ALLOWED) u->retry_ns = c->retry_ns;
     char text[LW_MESSAGE_TEXT_MAX + 1];
     snprintf(text, sizeof text, "nothing was changed: the server above: %.200s",
              status == LW_OK ? "its light is not here yet" : err.text);
@@ -196,7 +199,7 @@ static void serve_control(struct lw_relay_updates *u, struct control *c) {
     if (!c->is_used) return;
     if (c->waiting_count || c->sent_count) c->used_ns = now_ns;
     if (c->up && c->ahead != u->light.ahead(u->light.context)) end_session(c); /* light is of another run */
-    if (!c->up && c->waiting_count && now_ns < c->retry_ns) {
+    if (!c->up && c->waiting_count && (now_ns < c->retry_ns || now_ns < u->retry_ns)) {
         end_control(c, "nothing was changed: there is no server above now");
         return;
     }

@@ -10,7 +10,7 @@ my (%home, %named);
 for my $file (@ARGV) {
     open my $in, '<', $file or die "calls: $file: $!\n";
     my $text = do { local $/; <$in> };
-    $text =~ s{/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"}{}gs;
+    $text =~ s{/\*.*?\*/|//[^\n]*|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])'}{}gs;
     my $stem = $file =~ s/\.c$//r;
     $home{$1} = $stem
         while $text =~ /^(?!static\b|extern\b|typedef\b)[A-Za-z][\w \t*]*?\b(lw_\w+)(?:\([^;{}]*\)\s*\{|(?:\[[^]]*\])*\s*=)/mg;

@@ -267,6 +267,7 @@ static enum lw_status restore_changes(struct lw_daemon *d, struct lw_error *err)
     if (d->restored_count < count)
         lw_log(LW_LOG_WARNING, "%s: change %zu of %zu cannot be made: it and later ones are left out",
                d->change_store.path, d->restored_count + 1, count);
+    if (d->restored_count < count) lw_change_store_discard(&d->change_store);
     if (d->restored_count)
         lw_log(LW_LOG_INFO,
                "going on with the scene as clients have changed it: lightwellctl reset takes it back");

@@ -284,8 +284,8 @@ enum lw_status lw_view_options_parse(int argc, char **argv, struct lw_view_optio
          .value = &raw.exposure},
         {.name = "path-trace",
          .argument = "SCENE",
-         .help =
-             "path trace one view of a scene file, without a server, and end. The options below are for it",
+         .help = "path trace one view of a scene file, without a server, and end. --spp to --guide, --time "
+                 "and --seed are for it",
          .kind = LW_OPTION_STRING,
          .value = &o.path.open.path},
         {.name = "spp",

@@ -31,6 +31,7 @@ struct lw_direction_linear {
 /** The line of a source. n: unit, the plain normal; ratio: at least 1. */
 static inline struct lw_direction_linear lw_direction_linear_of(const struct lw_direction_source *source,
                                                                 struct lw_vec3 n, float ratio) {
+    if (!source->known) return (struct lw_direction_linear){1, {0, 0, 0}}; /* as direction_form.h */
     const float wide = 0.5f * (1 - source->share), along = lw_vec3_dot(source->direction, n),
                 steep = along > 0 ? 1 - 0.5f * wide : 0.5f * wide,
                 share = source->share * steep / fmaxf(lw_direction_lobe(source, n), 0.05f);

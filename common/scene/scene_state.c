@@ -1,6 +1,7 @@
 #include "common/scene/scene_state.h"
 
 #include <assert.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -285,11 +286,12 @@ static void add_materials(const struct lw_scene_state *state, struct change_list
         add(list, LW_SCENE_CHANGE_SKY, 0, 3, state->scene.sky);
 }
 
-/* A time before 0, of a clock that runs backwards, is 0: a change cannot say it. */
+/* A change cannot say a time before 0, of a clock that runs backwards, nor one over LW_SCENE_DURATION_MAX. */
 struct lw_scene_change lw_scene_state_seek(const struct lw_scene_state *state, double wall_s) {
     const float time_s = (float)lw_scene_state_time(state, wall_s);
-    return (struct lw_scene_change){
-        .kind = LW_SCENE_CHANGE_CLOCK_SEEK, .value_count = 1, .value = {time_s > 0 ? time_s : 0}};
+    return (struct lw_scene_change){.kind = LW_SCENE_CHANGE_CLOCK_SEEK,
+                                    .value_count = 1,
+                                    .value = {fminf(fmaxf(time_s, 0), LW_SCENE_DURATION_MAX)}};
 }
 
 static void add_clock(const struct lw_scene_state *state, double wall_s, struct change_list *list) {

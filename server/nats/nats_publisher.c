@@ -684,8 +684,8 @@ static void hear_other(struct lw_nats_publisher *p, uint64_t run) {
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     if (run == p->run || p->stands_down) return;
     if (run > p->run) {
+        if (p->is_announced) p->retry_ns = lw_clock_ns() + 2 * LW_NATS_WIRE_ALIVE_MS * MS_NS;
         p->is_announced = false;
-        p->retry_ns = lw_clock_ns() + 2 * LW_NATS_WIRE_ALIVE_MS * MS_NS;
         return;
     }
     lw_log(LW_LOG_ERROR,

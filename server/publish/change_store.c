@@ -1,6 +1,7 @@
 #include "server/publish/change_store.h"
 
 #include "common/base/atomic_file.h"
+#include "common/base/clock.h"
 #include "common/base/invariant.h"
 #include "common/base/log.h"
 
@@ -13,7 +14,8 @@
 #include <unistd.h>
 #include <xxhash.h>
 
-#define VERSION 1u
+#define VERSION  1u
+#define RETRY_NS 1000000000ull /* between two attempts without new changes */
 
 struct header {
     char magic[8];
@@ -41,28 +43,34 @@ struct kept {
     size_t count;
 };
 
-static bool read_all(int file, void *bytes, size_t size) {
-    for (size_t done = 0; done < size;) {
+/* *out_whole: false: the file ends before. Errors: LW_IO. */
+static enum lw_status read_all(int file, void *bytes, size_t size, bool *out_whole) {
+    *out_whole = true;
+    for (size_t done = 0; done < size && *out_whole;) {
         const ssize_t got = read(file, (char *)bytes + done, size - done);
         if (got < 0 && errno == EINTR) continue;
-        if (got <= 0) return false;
+        if (got < 0) return LW_IO;
+        *out_whole = got > 0;
         done += (size_t)got;
     }
-    return true;
+    return LW_OK;
 }
 
 /* *out_done: the list ends the file, or is not whole. left: bytes of the file behind the last list. */
 static enum lw_status read_list(int file, uint64_t left, struct kept *kept, bool *out_done) {
     struct list list;
+    bool whole;
     *out_done = true;
-    if (left < sizeof list || !read_all(file, &list, sizeof list)) return LW_OK;
+    if (left < sizeof list) return LW_OK;
+    enum lw_status status = read_all(file, &list, sizeof list, &whole);
+    if (status != LW_OK || !whole) return status;
     const size_t size = list.count * sizeof(struct lw_scene_change);
     if (list.count > LW_CHANGE_STORE_COUNT_MAX || size > left - sizeof list) return LW_OK;
     struct lw_scene_change *grown = realloc(kept->change, (kept->count + list.count + 1) * sizeof *grown);
     if (!grown) return LW_NO_MEMORY;
     kept->change = grown;
-    if (!read_all(file, grown + kept->count, size) || XXH3_64bits(grown + kept->count, size) != list.checksum)
-        return LW_OK;
+    status = read_all(file, grown + kept->count, size, &whole);
+    if (status != LW_OK || !whole || XXH3_64bits(grown + kept->count, size) != list.checksum) return status;
     kept->count += list.count;
     *out_done = false;
     return LW_OK;
@@ -72,13 +80,14 @@ static enum lw_status read_lists(struct lw_change_store *store, uint64_t size, s
                                  struct lw_error *err) {
     for (bool done = false; !done;) {
         const size_t before = kept->count;
-        if (read_list(store->file, size - store->bytes, kept, &done) != LW_OK)
-            return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", store->path);
+        const enum lw_status status = read_list(store->file, size - store->bytes, kept, &done);
+        if (status == LW_NO_MEMORY) return lw_status_fail(err, status, "%s: out of memory", store->path);
+        if (status != LW_OK) return lw_status_fail(err, status, "%s: %s", store->path, strerror(errno));
         if (!done) store->bytes += sizeof(struct list) + (kept->count - before) * sizeof *kept->change;
     }
     if (store->bytes < size)
         lw_log(LW_LOG_WARNING, "%s: the last changes are not whole and are left out", store->path);
-    store->bytes_at_first = store->bytes;
+    store->bytes_at_first = sizeof(struct header); /* an old file is rewritten as soon as it is large */
     if (ftruncate(store->file, (off_t)store->bytes) == 0 &&
         lseek(store->file, (off_t)store->bytes, SEEK_SET) == (off_t)store->bytes)
         return LW_OK;
@@ -117,6 +126,7 @@ static enum lw_status begin_file(struct lw_change_store *store, const struct lw_
     close_file(store);
     enum lw_status status = lw_atomic_file_open(&file, store->path, err);
     if (status != LW_OK) return status;
+    file.durable = true; /* it replaces changes that the disk may have */
     status = lw_atomic_file_write(&file, &header, sizeof header, err);
     if (status == LW_OK && count && !write_list(file.fd, change, count))
         status = lw_status_fail(err, LW_IO, "%s: %s", store->path, strerror(errno));
@@ -160,14 +170,17 @@ enum lw_status lw_change_store_open(struct lw_change_store *store, const char *f
     (void)lw_atomic_file_sweep(store->path);
     const struct header expected = header_of(store);
     store->file = open(store->path, O_RDWR | O_CLOEXEC);
-    enum lw_status status;
-    if (store->file < 0 && errno != ENOENT) {
+    bool whole = false;
+    enum lw_status status = LW_OK;
+    if (store->file < 0 && errno != ENOENT)
         status = lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", store->path, strerror(errno));
-    } else if (store->file >= 0 && fstat(store->file, &st) == 0 && S_ISREG(st.st_mode) &&
-               read_all(store->file, &found, sizeof found) && memcmp(&found, &expected, sizeof found) == 0) {
+    else if (store->file >= 0 &&
+             (fstat(store->file, &st) != 0 || read_all(store->file, &found, sizeof found, &whole) != LW_OK))
+        status = lw_status_fail(err, LW_IO, "%s: %s", store->path, strerror(errno));
+    if (status == LW_OK && whole && S_ISREG(st.st_mode) && memcmp(&found, &expected, sizeof found) == 0) {
         store->bytes = sizeof found;
         status = read_lists(store, (uint64_t)st.st_size, &kept, err);
-    } else {
+    } else if (status == LW_OK) {
         if (store->file >= 0)
             lw_log(LW_LOG_WARNING, "%s: holds no changes of this scene: they are dropped", store->path);
         status = begin_file(store, NULL, 0, err);
@@ -202,8 +215,10 @@ static bool append(struct lw_change_store *store, const struct lw_scene_change *
     const struct lw_scene_change time = lw_scene_state_seek(state, wall_s);
     const bool timed = needs_time(change, count);
     if (store->file < 0 || store->bytes > LW_CHANGE_STORE_GROWN + 2 * store->bytes_at_first) return false;
-    if (!write_list(store->file, change, count) || (timed && !write_list(store->file, &time, 1)))
+    if (!write_list(store->file, change, count) || (timed && !write_list(store->file, &time, 1))) {
+        close_file(store); /* nothing may follow a list that is not whole */
         return false;
+    }
     store->bytes += (timed ? 2 : 1) * sizeof(struct list) + (count + timed) * sizeof *change;
     return true;
 }
@@ -211,9 +226,15 @@ static bool append(struct lw_change_store *store, const struct lw_scene_change *
 bool lw_change_store_add(struct lw_change_store *store, const struct lw_scene_change *change, size_t count,
                          const struct lw_scene_state *state, double wall_s) {
     struct lw_error err = {0};
-    const bool kept = !count || append(store, change, count, state, wall_s) ||
-                      begin_from_state(store, state, wall_s, &err) == LW_OK;
+    if (!count && store->file >= 0) return true;
+    const uint64_t now_ns = lw_clock_ns();
+    if (!count && now_ns - store->failed_ns < RETRY_NS) return true; /* told when it failed */
+    const bool kept =
+        append(store, change, count, state, wall_s) || begin_from_state(store, state, wall_s, &err) == LW_OK;
     if (!kept && !store->warned) lw_log(LW_LOG_WARNING, "changes of clients are not kept: %s", err.text);
     store->warned = !kept;
+    store->failed_ns = now_ns;
     return kept;
 }
+
+void lw_change_store_discard(struct lw_change_store *store) { close_file(store); }

@@ -3,10 +3,11 @@
  *          the next run
  * Threads: lw_change_store_open() before the solver's thread starts; everything else is that thread's.
  *
- * A frame's changes are in the file before its light is published, and so before they are acknowledged: a
- * killed server has lost none. Nobody waits for the disk, so that a power cut may lose the last seconds. The
- * file is a header, and for each frame a list of changes with a checksum. Integers have the machine's byte
- * order. A list that is cut short ends the file. */
+ * A frame's changes are in the file before its light is published, and so before they are acknowledged. A
+ * killed server has lost none, unless a write failed: that is a warning and a count in /metrics. Nobody waits
+ * for the disk, so that a power cut may lose the last seconds. The file is a header, and for each frame a list
+ * of changes with a checksum. Integers have the machine's byte order. A list that is cut short ends the
+ * file. */
 #ifndef LW_PUBLISH_CHANGE_STORE_H
 #define LW_PUBLISH_CHANGE_STORE_H
 
@@ -20,7 +21,8 @@ struct lw_change_store {
     char *path;
     int file; /* -1: not open, as after a failure */
     uint8_t key[LW_CHANGE_STORE_KEY_SIZE];
-    uint64_t bytes, bytes_at_first; /* size now; size after the last rewrite */
+    uint64_t bytes, bytes_at_first; /* size now; size after the last rewrite of this run */
+    uint64_t failed_ns;             /* when the last attempt was */
     bool warned;                    /* the log knows of the failure */
 };
 
@@ -36,9 +38,12 @@ LW_MUST_CHECK enum lw_status lw_change_store_open(struct lw_change_store *store,
 void lw_change_store_finish(struct lw_change_store *store);
 
 /** Keeps the changes of a frame. state: the scene with these changes; a file that has grown is
- * rewritten from it. wall_s: the frame's clock. A failure is logged once, and the next call tries again.
+ * rewritten from it. wall_s: the frame's clock. A failure is logged once. The next change tries again, and so
+ * does a frame without changes, once a second.
  * Returns false on failure: then a kill loses these changes. */
 bool lw_change_store_add(struct lw_change_store *store, const struct lw_scene_change *change, size_t count,
                          const struct lw_scene_state *state, double wall_s);
+/** The file holds changes that cannot be made: the next lw_change_store_add() rewrites it from the state. */
+void lw_change_store_discard(struct lw_change_store *store);
 
 #endif

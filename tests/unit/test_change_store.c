@@ -191,6 +191,54 @@ static void a_failure_heals(void **state) {
     assert_int_equal(kept_count, 2);
 }
 
+/* Nobody has changed anything since the failure: what is not kept is kept as soon as it can be. */
+static void a_failure_heals_by_itself(void **state) {
+    (void)state;
+    const struct lw_scene_change a = move(0, 1);
+    open_with(key);
+    unlink(path);
+    rmdir(folder);
+    close(store.file);
+    store.file = -1;
+    assert_false(add(&a, 1, 0));
+    assert_int_equal(mkdir(folder, 0700), 0);
+    store.failed_ns = 0; /* a second later */
+    assert_true(add(NULL, 0, 0));
+    open_with(key);
+    assert_int_equal(kept_count, 1);
+}
+
+/* A change that cannot be made does not hold up later ones for ever. */
+static void what_cannot_be_made_is_discarded(void **state) {
+    (void)state;
+    const struct lw_scene_change odd = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 99}, a = move(0, 1);
+    open_with(key);
+    assert_true(lw_change_store_add(&store, &odd, 1, &now, 0));
+    open_with(key);
+    assert_int_equal(kept_count, 1);
+    lw_change_store_discard(&store);
+    assert_true(add(&a, 1, 0));
+    open_with(key);
+    assert_int_equal(kept_count, 1);
+    assert_memory_equal(kept, &a, sizeof a);
+}
+
+/* The time of a clock that has run for long is one that a change may say. */
+static void a_late_clock_can_be_kept(void **state) {
+    (void)state;
+    struct lw_error err = {0};
+    const struct lw_scene_change fast[] = {
+        {.kind = LW_SCENE_CHANGE_CLOCK_SEEK, .value_count = 1, .value = {LW_SCENE_DURATION_MAX}},
+        {.kind = LW_SCENE_CHANGE_CLOCK_RATE, .value_count = 1, .value = {LW_SCENE_CHANGE_RATE_MAX}}};
+    open_with(key);
+    for (size_t i = 0; i < 2; i++) lw_scene_state_change(&now, &fast[i], 0);
+    assert_true(lw_change_store_add(&store, fast, 2, &now, 5000));
+    open_with(key);
+    assert_int_equal(kept_count, 3);
+    for (size_t i = 0; i < 3; i++)
+        assert_int_equal(lw_scene_change_check(scene, &kept[i], &err), LW_SCENE_CHANGE_OK);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(each_frame_is_kept_at_once, begin, end),
@@ -200,6 +248,9 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_damaged_file_gives_nothing_false, begin, end),
         cmocka_unit_test_setup_teardown(another_scene_begins_anew, begin, end),
         cmocka_unit_test_setup_teardown(a_failure_heals, begin, end),
+        cmocka_unit_test_setup_teardown(a_failure_heals_by_itself, begin, end),
+        cmocka_unit_test_setup_teardown(what_cannot_be_made_is_discarded, begin, end),
+        cmocka_unit_test_setup_teardown(a_late_clock_can_be_kept, begin, end),
     };
     lw_log_set_level(LW_LOG_ERROR); /* thousands of files are damaged */
     return cmocka_run_group_tests(tests, NULL, NULL);

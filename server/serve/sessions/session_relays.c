@@ -32,6 +32,7 @@ enum lw_status lw_session_relays_report(struct lw_session *s, const struct lw_me
                                         struct lw_error *err) {
     struct lw_session_shared *shared = s->shared;
     uint32_t count;
+    if (!s->below && shared->reporting_count == LW_RELAY_TREE_SESSIONS_MAX) leave_others(s);
     if (!s->below && shared->reporting_count == LW_RELAY_TREE_SESSIONS_MAX) return LW_OK;
     struct lw_relay_tree_node *below = malloc(LW_RELAY_TREE_MAX * sizeof *below), *fitting;
     if (!below) return LW_OK; /* the next one, perhaps */
