@@ -4,10 +4,10 @@
  * Threads: lw_change_store_open() before the solver's thread starts; everything else is that thread's.
  *
  * A frame's changes are in the file before its light is published, and so before they are acknowledged. A
- * killed server has lost none, unless a write failed: that is a warning and a count in /metrics. Nobody waits
- * for the disk, so that a power cut may lose the last seconds. The file is a header, and for each frame a list
- * of changes with a checksum. Integers have the machine's byte order. A list that is cut short ends the
- * file. */
+ * killed server has lost none, unless a write failed: that is a warning and a count in /metrics. Nobody
+ * waits for the disk, so that a power cut may lose the last seconds. The file is a header, and for each frame
+ * a list of changes with a checksum. Integers have the machine's byte order. A list that is cut short ends
+ * the file. */
 #ifndef LW_PUBLISH_CHANGE_STORE_H
 #define LW_PUBLISH_CHANGE_STORE_H
 
