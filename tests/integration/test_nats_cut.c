@@ -73,10 +73,13 @@ static void frames_of_a_short_cut_come_later(void **state) {
     }
 }
 
-static bool publishes(const struct lw_process *daemon) {
-    return lw_relays_figure(daemon, "lightwell_nats_connected") == 1;
+static bool stands_down(const struct lw_process *daemon) {
+    char *said = lw_process_err(daemon);
+    const bool does = strstr(said, "another lightwelld publishes there: this one does no longer") != NULL;
+    free(said);
+    return does;
 }
-static bool one_publishes(void) { return publishes(&server) != publishes(&other); }
+static bool one_stands_down(void) { return stands_down(&server) != stands_down(&other); }
 static bool relay_has_light(void) { return lw_relays_stats(1).frame >= frame_due && is_settled(1); }
 
 /* Two daemons publish under one name after a cut, which has kept them from hearing each other. Then one of
@@ -98,12 +101,9 @@ static void one_of_two_daemons_stands_down(void **state) {
     lw_process_serve(&other, arguments);
     lw_tcp_proxy_open(proxy);
     lw_process_await_text(&server, "is there again");
-    lw_relays_wait(one_publishes);
-    const struct lw_process *stays = publishes(&server) ? &server : &other,
-                            *leaves = stays == &server ? &other : &server;
-    char *said = lw_process_err(leaves);
-    assert_non_null(strstr(said, "another lightwelld publishes there: this one does no longer"));
-    free(said);
+    lw_relays_wait(one_stands_down);
+    const struct lw_process *leaves = stands_down(&server) ? &server : &other,
+                            *stays = leaves == &server ? &other : &server;
     lw_relays_start(&relay, lw_nats_case_address(&nats, "room"), "");
     lw_relays_join(1, relay.port);
     lw_relays_join_with(0, stays->port, (struct lw_client_desc){.control = true});
