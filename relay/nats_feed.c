@@ -773,15 +773,24 @@ static enum lw_status take_hello(struct lw_nats_feed *feed, const struct lw_mess
     return send_message(feed, &answer);
 }
 
+/* The bytes of a message, as it came. malloc'ed; NULL: no memory. */
+static uint8_t *copy_message(struct lw_framing_header header, const uint8_t *body, size_t *out_size) {
+    *out_size = LW_FRAMING_HEADER_SIZE + (size_t)header.body_size;
+    uint8_t *bytes = malloc(*out_size);
+    if (!bytes) return NULL;
+    lw_framing_write_header(bytes, header);
+    memcpy(bytes + LW_FRAMING_HEADER_SIZE, body, header.body_size);
+    return bytes;
+}
+
 static enum lw_status take_interest(struct lw_nats_feed *feed, struct lw_framing_header header,
                                     const uint8_t *body) {
-    uint8_t *copy = malloc(LW_FRAMING_HEADER_SIZE + (size_t)header.body_size);
+    size_t size;
+    uint8_t *copy = copy_message(header, body, &size);
     if (!copy) return LW_NO_MEMORY;
-    lw_framing_write_header(copy, header);
-    memcpy(copy + LW_FRAMING_HEADER_SIZE, body, header.body_size);
     free(feed->interest);
     feed->interest = copy;
-    feed->interest_size = LW_FRAMING_HEADER_SIZE + (size_t)header.body_size;
+    feed->interest_size = size;
     feed->want_ns = 0;
     return feed->streams ? hear_interest(feed) : LW_OK;
 }
@@ -828,13 +837,11 @@ static enum lw_status take_request(struct lw_nats_feed *feed, const struct lw_me
     return send_package(feed, &package, &m->package_request, "package", LW_MESSAGE_PACKAGE_CHUNK);
 }
 
-/* As it came: lightwelld checks it. One that is lost is followed by another. */
+/* lightwelld checks it. A lost report is followed by another. */
 static void forward_report(struct lw_nats_feed *feed, struct lw_framing_header header, const uint8_t *body) {
-    uint8_t *bytes = malloc(LW_FRAMING_HEADER_SIZE + (size_t)header.body_size);
-    if (!bytes) return;
-    lw_framing_write_header(bytes, header);
-    memcpy(bytes + LW_FRAMING_HEADER_SIZE, body, header.body_size);
-    publish(feed, "report", NULL, bytes, LW_FRAMING_HEADER_SIZE + (size_t)header.body_size);
+    size_t size;
+    uint8_t *bytes = copy_message(header, body, &size);
+    if (bytes) publish(feed, "report", NULL, bytes, size);
     free(bytes);
 }
 

@@ -44,8 +44,9 @@ struct lw_relay_updates {
     _Atomic bool stopping;
     _Atomic uint64_t passed, cpu_ns;
 
-    pthread_mutex_t
-        mutex; /* guards what follows; not held in waits. The light's functions are called with it */
+    /* Guards what follows. The thread holds it when it calls the light's functions, but not while it
+     * waits. */
+    pthread_mutex_t mutex;
     struct lw_server *server; /* NULL: there is none */
     uint64_t retry_ns;        /* until then nobody connects */
     struct control control[LW_RELAY_UPDATES_TOKENS_MAX];

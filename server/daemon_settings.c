@@ -160,7 +160,9 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "manual: like step; each line on stdin begins a frame, and its end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
         {"light", "whole|seen",
-         "seen: solve what clients look at, and what lights it (default). whole: solve everything",
+         "seen: solve the interest set of the clients, and the tiles that light it (default). whole: solve "
+         "all "
+         "tiles",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"prepare", "SECONDS",
          "with --light seen: seconds of solving the whole scene while no client looks, so that the first "
@@ -208,7 +210,8 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "is answered, and the next run makes them again, after a kill, too",
          LW_OPTION_FLAG, &s->keep_changes, 0, 0, NULL},
         {"cache", "FOLDER",
-         "keep there what is found once per scene, so that the next start is sooner; \"\": nowhere (default "
+         "keep results of searches in the scene there, so that the next start is sooner; \"\": nowhere "
+         "(default "
          "$XDG_CACHE_HOME/lightwell or ~/.cache/lightwell)",
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         {"directional", "auto|on|off",

@@ -2,6 +2,7 @@
  * Flow:    options -> scene -> solver -> frames until there is enough light -> EXRs, .glb, index.json
  * Threads: main; the solver's own workers inside a frame. */
 #include "common/base/atomic_file.h"
+#include "common/base/folders.h"
 #include "common/base/interrupt.h"
 #include "common/base/log.h"
 #include "common/base/options.h"
@@ -276,11 +277,6 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
 
 /* ---- places ---- */
 
-static char *join(const char *folder, const char *name) {
-    char *path = NULL;
-    return asprintf(&path, "%s/%s", folder, name) < 0 ? NULL : path;
-}
-
 static enum lw_status out_of_memory(struct lw_error *err) {
     return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
 }
@@ -297,11 +293,11 @@ static enum lw_status prepare_places(struct baker *b, struct lw_error *err) {
         return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: is not a folder", s->output);
     if (access(s->output, W_OK | X_OK) != 0)
         return lw_status_fail(err, LW_CANNOT_CREATE, "-o %s: %s", s->output, strerror(errno));
-    b->state_path = join(s->output, STATE_NAME);
-    b->tiles_path = join(s->output, TILES_NAME);
+    b->state_path = lw_folders_join(s->output, STATE_NAME);
+    b->tiles_path = lw_folders_join(s->output, TILES_NAME);
     if (!b->state_path || !b->tiles_path) return out_of_memory(err);
     if (s->directional) {
-        char *folder = join(s->output, DIRECTIONS_FOLDER);
+        char *folder = lw_folders_join(s->output, DIRECTIONS_FOLDER);
         if (!folder) return out_of_memory(err);
         const bool made = mkdir(folder, 0777) == 0 || errno == EEXIST;
         free(folder);
@@ -557,7 +553,7 @@ static enum lw_status write_exr(struct baker *b, const struct lw_map *map, bool 
                                                    {"error", error},
                                                    {"backOffset", back},
                                                    {"leftOut", b->left_out_names}};
-    char *path = join(b->settings.output, b->names.file[map->object]);
+    char *path = lw_folders_join(b->settings.output, b->names.file[map->object]);
     if (!path) return out_of_memory(err);
     enum lw_status status = lw_image_write_exr_with(
         path,
@@ -604,7 +600,7 @@ static enum lw_status write_directions(struct baker *b, const struct lw_map *irr
                                                    {"axes", "world, as glTF has them: y up"},
                                                    {"software", "lightwell " LW_VERSION},
                                                    {"object", b->scene->object[map.object].name}};
-    char *path = join(b->settings.output, name);
+    char *path = lw_folders_join(b->settings.output, name);
     status = path ? lw_image_write_exr_with(
                         path,
                         &(struct lw_image_exr){.pixel = map.rgba,
@@ -650,7 +646,8 @@ static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_erro
     if (status == LW_OK && (b->settings.directional || b->settings.gltf_out))
         status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, b->form, object,
                               lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
-    char *directions = b->settings.directional ? join(DIRECTIONS_FOLDER, b->names.file[object]) : NULL;
+    char *directions =
+        b->settings.directional ? lw_folders_join(DIRECTIONS_FOLDER, b->names.file[object]) : NULL;
     if (status == LW_OK && b->settings.directional)
         status = directions ? write_directions(b, &irradiance, directions, err) : out_of_memory(err);
     if (status == LW_OK) status = lw_sides_choose(&b->sides, &map, &shown, err);
@@ -719,7 +716,7 @@ static enum lw_status write_all(struct baker *b, struct lw_error *err) {
     if (status == LW_OK && b->settings.gltf_out)
         status = lw_glb_scene_write(&b->glb, b->settings.gltf_out, err);
     if (status != LW_OK) return status;
-    char *path = join(b->settings.output, MANIFEST_NAME);
+    char *path = lw_folders_join(b->settings.output, MANIFEST_NAME);
     if (!path) return out_of_memory(err);
     status = lw_manifest_write(&b->manifest, path, err);
     free(path);

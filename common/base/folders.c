@@ -52,3 +52,10 @@ bool lw_folders_cache(char *out_path, size_t capacity) {
     *out_path = '\0';
     return false;
 }
+
+char *lw_folders_join(const char *folder, const char *name) {
+    const size_t size = strlen(folder) + strlen(name) + 2;
+    char *path = malloc(size);
+    if (path) snprintf(path, size, "%s/%s", folder, name);
+    return path;
+}

@@ -26,4 +26,7 @@ LW_MUST_CHECK enum lw_status lw_folders_make(const char *path, struct lw_error *
  * directory or if the path is too long. */
 bool lw_folders_cache(char *out_path, size_t capacity);
 
+/** The path of a file in a folder. malloc'ed; NULL: no memory. */
+char *lw_folders_join(const char *folder, const char *name);
+
 #endif

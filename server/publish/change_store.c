@@ -2,6 +2,7 @@
 
 #include "common/base/atomic_file.h"
 #include "common/base/clock.h"
+#include "common/base/folders.h"
 #include "common/base/invariant.h"
 #include "common/base/log.h"
 
@@ -106,11 +107,14 @@ static bool write_all(int file, const void *bytes, size_t size) {
     return true;
 }
 
-static bool write_list(int file, const struct lw_scene_change *change, size_t count) {
-    const size_t size = count * sizeof *change;
-    const struct list list = {.count = (uint32_t)count, .checksum = XXH3_64bits(change, size)};
+static struct list list_of(const struct lw_scene_change *change, size_t count) {
     LW_INVARIANT(count <= LW_CHANGE_STORE_COUNT_MAX);
-    return write_all(file, &list, sizeof list) && write_all(file, change, size);
+    return (struct list){.count = (uint32_t)count, .checksum = XXH3_64bits(change, count * sizeof *change)};
+}
+
+static bool append_list(int file, const struct lw_scene_change *change, size_t count) {
+    const struct list list = list_of(change, count);
+    return write_all(file, &list, sizeof list) && write_all(file, change, count * sizeof *change);
 }
 
 static void close_file(struct lw_change_store *store) {
@@ -122,14 +126,16 @@ static void close_file(struct lw_change_store *store) {
 static enum lw_status begin_file(struct lw_change_store *store, const struct lw_scene_change *change,
                                  size_t count, struct lw_error *err) {
     const struct header header = header_of(store);
+    const struct list list = list_of(change, count);
+    const size_t list_size = count ? sizeof list : 0; /* without changes there is no list */
     struct lw_atomic_file file;
     close_file(store);
     enum lw_status status = lw_atomic_file_open(&file, store->path, err);
     if (status != LW_OK) return status;
     file.durable = true; /* it replaces changes that the disk may have */
     status = lw_atomic_file_write(&file, &header, sizeof header, err);
-    if (status == LW_OK && count && !write_list(file.fd, change, count))
-        status = lw_status_fail(err, LW_IO, "%s: %s", store->path, strerror(errno));
+    if (status == LW_OK) status = lw_atomic_file_write(&file, &list, list_size, err);
+    if (status == LW_OK) status = lw_atomic_file_write(&file, change, count * sizeof *change, err);
     if (status != LW_OK) {
         lw_atomic_file_abandon(&file);
         return status;
@@ -137,7 +143,7 @@ static enum lw_status begin_file(struct lw_change_store *store, const struct lw_
     if ((status = lw_atomic_file_commit(&file, err)) != LW_OK) return status;
     store->file = open(store->path, O_WRONLY | O_APPEND | O_CLOEXEC);
     if (store->file < 0) return lw_status_fail(err, LW_IO, "%s: %s", store->path, strerror(errno));
-    store->bytes = sizeof header + (count ? sizeof(struct list) + count * sizeof *change : 0);
+    store->bytes = sizeof header + list_size + count * sizeof *change;
     store->bytes_at_first = store->bytes;
     return LW_OK;
 }
@@ -162,10 +168,8 @@ enum lw_status lw_change_store_open(struct lw_change_store *store, const char *f
     struct kept kept = {0};
     struct header found;
     struct stat st;
-    const size_t path_size = strlen(folder) + sizeof "/changes";
-    *store = (struct lw_change_store){.file = -1, .path = malloc(path_size)};
+    *store = (struct lw_change_store){.file = -1, .path = lw_folders_join(folder, "changes")};
     if (!store->path) return lw_status_fail(err, LW_NO_MEMORY, "%s: out of memory", folder);
-    snprintf(store->path, path_size, "%s/changes", folder);
     memcpy(store->key, key, sizeof store->key);
     (void)lw_atomic_file_sweep(store->path);
     const struct header expected = header_of(store);
@@ -215,7 +219,7 @@ static bool append(struct lw_change_store *store, const struct lw_scene_change *
     const struct lw_scene_change time = lw_scene_state_seek(state, wall_s);
     const bool timed = needs_time(change, count);
     if (store->file < 0 || store->bytes > LW_CHANGE_STORE_GROWN + 2 * store->bytes_at_first) return false;
-    if (!write_list(store->file, change, count) || (timed && !write_list(store->file, &time, 1))) {
+    if (!append_list(store->file, change, count) || (timed && !append_list(store->file, &time, 1))) {
         close_file(store); /* nothing may follow a list that is not whole */
         return false;
     }
@@ -228,7 +232,7 @@ bool lw_change_store_add(struct lw_change_store *store, const struct lw_scene_ch
     struct lw_error err = {0};
     if (!count && store->file >= 0) return true;
     const uint64_t now_ns = lw_clock_ns();
-    if (!count && now_ns - store->failed_ns < RETRY_NS) return true; /* told when it failed */
+    if (!count && now_ns - store->failed_ns < RETRY_NS) return true; /* the failed call returned false */
     const bool kept =
         append(store, change, count, state, wall_s) || begin_from_state(store, state, wall_s, &err) == LW_OK;
     if (!kept && !store->warned) lw_log(LW_LOG_WARNING, "changes of clients are not kept: %s", err.text);

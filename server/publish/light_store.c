@@ -2,6 +2,7 @@
 
 #include "common/base/atomic_file.h"
 #include "common/base/clock.h"
+#include "common/base/folders.h"
 #include "common/base/invariant.h"
 #include "common/base/log.h"
 
@@ -13,13 +14,6 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
-
-static char *join(const char *folder, const char *name) {
-    const size_t size = strlen(folder) + strlen(name) + 2;
-    char *path = malloc(size);
-    if (path) snprintf(path, size, "%s/%s", folder, name);
-    return path;
-}
 
 /* The folder itself is locked: no file has to be made, and the system takes the lock back however the process
  * ends. File systems without locks are used without. */
@@ -48,8 +42,9 @@ enum lw_status lw_light_store_init(struct lw_light_store *store, const char *fol
     if (mkdir(folder, 0777) != 0 && (errno != EEXIST || stat(folder, &st) != 0 || !S_ISDIR(st.st_mode)))
         return lw_status_fail(err, LW_CANNOT_CREATE, "%s: cannot make this folder: %s", folder,
                               strerror(errno));
-    *store = (struct lw_light_store){
-        .shown_path = join(folder, "shown"), .sums_path = join(folder, "sums"), .saved_ns = lw_clock_ns()};
+    *store = (struct lw_light_store){.shown_path = lw_folders_join(folder, "shown"),
+                                     .sums_path = lw_folders_join(folder, "sums"),
+                                     .saved_ns = lw_clock_ns()};
     memcpy(store->key, key, sizeof store->key);
     enum lw_status status = store->shown_path && store->sums_path
                                 ? lock(folder, &store->lock, err)

@@ -57,7 +57,8 @@ LW_MUST_CHECK enum lw_status lw_coarse_tiles_update_one(struct lw_coarse_tiles *
  * `indirect` is black; there is no albedo. The error is LW_ATLAS_COARSE_ERROR. */
 void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
                           struct lw_solver_tile *out_tile);
-/** As lw_solver_ops.read_planes(). solver: the coarse scene's, in the state of the last update. */
+/** Reads planes as lw_solver_ops.read_planes() does. solver: the solver of the coarse scene, as it was at the
+ * last update. */
 void lw_coarse_tiles_read_planes(const struct lw_coarse_tiles *tiles, const struct lw_solver *solver,
                                  lw_tile_id id, struct lw_solver_room *room,
                                  struct lw_solver_tile *read_tile);

@@ -15,7 +15,8 @@ processor time over time; and how much of a core the server's network thread too
 import argparse, json, os, re, subprocess, sys, tempfile, time, urllib.request
 
 BIN = os.environ.get("LW_BIN", os.path.join(os.path.dirname(__file__), "../../build/release/bin"))
-PLAIN = ("ping interest finer everything ack update connect hello half-hello empty-frames ping-frames fragments get "
+PLAIN = ("ping interest finer everything ack update connect hello half-hello empty-frames ping-frames fragments "
+         "get "
          "not-modified get-once half-request").split()
 BY_TLS = "records handshakes half-handshake web-handshakes".split()
 WEB = "empty-frames ping-frames fragments get not-modified get-once half-request web-handshakes".split()
@@ -100,7 +101,8 @@ def measure(server, options, kind):
         times = "no answer |"
         sys.stderr.write(honest.stderr)
     load = os.getloadavg()[0]
-    print(f"| {kind or 'nothing'} | {times} {did} | {loop:.2f} of {cores:.2f} | {server.memory_mb():.0f} | {load:.1f} |", flush=True)
+    print(f"| {kind or 'nothing'} | {times} {did} | {loop:.2f} of {cores:.2f} | {server.memory_mb():.0f} "
+          f"| {load:.1f} |", flush=True)
 
 
 def main():

@@ -110,6 +110,15 @@ static void say(const uint8_t *bytes, size_t size) {
     }
 }
 
+/* Says the next piece of the input, whose length stands before it; returns where it ends. */
+static size_t say_next(const uint8_t *bytes, size_t size, size_t at) {
+    size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;
+    at += 2;
+    if (length > size - at) length = size - at;
+    say(bytes + at, length);
+    return at + length;
+}
+
 static void *welcome(void *nothing) {
     above.session = accept(above.listener, NULL, NULL);
     say(above.first, above.first_size);
@@ -283,11 +292,7 @@ static void change_scene(const uint8_t *bytes, size_t size) {
     lw_relay_upstream_set_answered(up, on_answered, NULL);
     send_updates(up, (struct lw_session *)(void *)&client);
     for (size_t at = 0; up && size - at >= 2;) {
-        size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;
-        at += 2;
-        if (length > size - at) length = size - at;
-        say(bytes + at, length);
-        at += length;
+        at = say_next(bytes, size, at);
         if (lw_relay_upstream_take(up, &err) != LW_OK) {
             require(*err.text);
             hang_up(&up);
@@ -328,11 +333,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         follower = join();
     }
     for (size_t at = 1; follower && up && size - at >= 2;) {
-        size_t length = bytes[at] | (size_t)bytes[at + 1] << 8;
-        at += 2;
-        if (length > size - at) length = size - at;
-        say(bytes + at, length);
-        at += length;
+        at = say_next(bytes, size, at);
         if (lw_relay_upstream_take(up, &err) != LW_OK) {
             require(*err.text);
             err = (struct lw_error){0};

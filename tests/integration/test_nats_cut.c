@@ -43,17 +43,22 @@ static bool light_goes_on(void) {
            lw_relays_stats(1).frame == lw_relays_stats(0).frame;
 }
 
-static void frames_of_a_short_cut_come_later(void **state) {
-    (void)state;
-    static const struct lw_scene_change change[2] = {{.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5},
-                                                     {.kind = LW_SCENE_CHANGE_OBJECT_SHOW, .target = 5}};
-    struct lw_client_answer answer;
+/* A daemon whose way to NATS can be cut. */
+static void serve_through_proxy(void) {
     char arguments[300];
     lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.host = NULL});
     proxy = lw_tcp_proxy_create(nats.port);
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --nats nats://127.0.0.1:%u/room",
              lw_tcp_proxy_port(proxy));
     lw_process_serve(&server, arguments);
+}
+
+static void frames_of_a_short_cut_come_later(void **state) {
+    (void)state;
+    static const struct lw_scene_change change[2] = {{.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5},
+                                                     {.kind = LW_SCENE_CHANGE_OBJECT_SHOW, .target = 5}};
+    struct lw_client_answer answer;
+    serve_through_proxy();
     lw_relays_start(&relay, lw_nats_case_address(&nats, "room"), "");
     lw_relays_join_with(0, server.port, (struct lw_client_desc){.control = true});
     lw_relays_join(1, relay.port);
@@ -89,11 +94,7 @@ static void one_of_two_daemons_stands_down(void **state) {
     const struct lw_scene_change hide = {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5};
     struct lw_client_answer answer;
     char arguments[300];
-    lw_nats_case_start(&nats, &(struct lw_nats_case_desc){.host = NULL});
-    proxy = lw_tcp_proxy_create(nats.port);
-    snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --nats nats://127.0.0.1:%u/room",
-             lw_tcp_proxy_port(proxy));
-    lw_process_serve(&server, arguments);
+    serve_through_proxy();
     lw_tcp_proxy_cut(proxy);
     lw_process_await_text(&server, "is gone: its relays get no light");
     snprintf(arguments, sizeof arguments, LW_RELAYS_CORNELL " --nats %s",

@@ -255,15 +255,7 @@ static void clients_go_over_to_another_scene(void **state) {
              port);
     lw_process_serve(&server, arguments);
     lw_process_await_text(&relay[0], "another scene now: clients go over to it");
-    struct lw_error err = {0};
-    while (lw_client_poll(lw_relays_client[1], 10, &err) == LW_OK) {
-    }
-    while (lw_client_reconnect(lw_relays_client[1], &err) != LW_OK &&
-           !lw_client_found_other_scene(lw_relays_client[1]))
-        lw_support_pause();
-    assert_true(lw_client_found_other_scene(lw_relays_client[1]));
-    lw_client_destroy(lw_relays_client[1]);
-    lw_relays_client[1] = NULL;
+    lw_relays_await_other_scene(1);
     lw_relays_join(0, server.port);
     lw_relays_join(1, relay[0].port);
     lw_relays_expect_same();

@@ -35,7 +35,7 @@ static void kill_it(struct lw_process *process) {
 
 /* ---- lightwellctl ---- */
 
-/* The caller frees what it said. */
+/* The caller frees the text. */
 static char *ctl(const struct lw_process *of, const char *command) {
     char line[100];
     struct lw_process process;
@@ -129,19 +129,6 @@ static void packages_are_downloaded_once(void **state) {
 
 /* ---- servers above ---- */
 
-/* Clients are asked to come again. They keep their light until they find the other scene. */
-static void go_over(void) {
-    struct lw_error err = {0};
-    while (lw_client_poll(lw_relays_client[1], 10, &err) == LW_OK) {
-    }
-    while (lw_client_reconnect(lw_relays_client[1], &err) != LW_OK &&
-           !lw_client_found_other_scene(lw_relays_client[1]))
-        lw_support_pause();
-    assert_true(lw_client_found_other_scene(lw_relays_client[1]));
-    lw_client_destroy(lw_relays_client[1]);
-    lw_relays_client[1] = NULL;
-}
-
 static void expect_light_of(const struct lw_process *daemon) {
     lw_relays_join(0, daemon->port);
     lw_relays_join(1, relay[0].port);
@@ -162,7 +149,7 @@ static void servers_above_light_different_scenes(void **state) {
     expect_light_of(&server);
     kill_it(&server);
     lw_process_await_text(&relay[0], "another scene now: clients go over to it");
-    go_over();
+    lw_relays_await_other_scene(1);
     expect_light_of(&other);
     snprintf(again, sizeof again, LW_RELAYS_CORNELL " --listen 127.0.0.1:%u", server.port);
     lw_process_serve(&server, again);
@@ -173,7 +160,7 @@ static void servers_above_light_different_scenes(void **state) {
     lw_relays_client[0] = NULL;
     kill_it(&other);
     lw_process_await_texts(&relay[0], "another scene now: clients go over to it", 2);
-    go_over();
+    lw_relays_await_other_scene(1);
     expect_light_of(&server);
 }
 

@@ -1,5 +1,4 @@
-/* What becomes of tiles of finer levels when objects move, light is saved, or spares are shown. What stands
- * at seams and in gutters (docs/solve_levels.md). */
+/* Rules of finer levels: moved objects, saved light, spares, seams and gutters (docs/solve_levels.md). */
 #include "tests/reference/fine_room.h"
 
 #include "common/base/log.h"

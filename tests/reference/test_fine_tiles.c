@@ -249,8 +249,8 @@ static void turns_come_before_levels(void **state) {
     room_finish(&s);
 }
 
-/* Interest that is elsewhere in each frame: no frame makes more than two tiles, no more are there than there
- * is room for, and memory stays below what it is with all slots taken. */
+/* Interest that is elsewhere in each frame: no frame makes more than two tiles. Tiles never
+ * outnumber the slots, and memory never exceeds that of all slots. */
 static void interest_that_jumps_is_bounded(void **state) {
     (void)state;
     enum { SLOTS = 6, FRAMES = 60, MAKE_MAX = 2, TILE_BYTES = 1 << 20 };

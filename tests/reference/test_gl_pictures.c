@@ -670,17 +670,23 @@ static float any_number(uint32_t number) {
     return number / 48 % 2 ? value : (float)(bits % 4001) / 1000 - 2;
 }
 
+/* Both pictures without directions, by rays and by OpenGL; then there are some. The caller frees it. */
+static float *draw_without_directions(struct world *w) {
+    start_without_directions(w);
+    draw(w);
+    float *before = malloc(sizeof(float) * 6 * PIXELS);
+    assert_non_null(before);
+    memcpy(before, w->by_cpu, sizeof(float) * 3 * PIXELS);
+    memcpy(before + 3ul * PIXELS, w->by_gl, sizeof(float) * 3 * PIXELS);
+    fill_directions(w);
+    return before;
+}
+
 /* Where no direction is known, both pictures are those without directions. */
 static void test_directions_unknown(void **state) {
     (void)state;
     struct world w;
-    start_without_directions(&w);
-    draw(&w);
-    float *before = malloc(sizeof(float) * 6 * PIXELS);
-    assert_non_null(before);
-    memcpy(before, w.by_cpu, sizeof(float) * 3 * PIXELS);
-    memcpy(before + 3ul * PIXELS, w.by_gl, sizeof(float) * 3 * PIXELS);
-    fill_directions(&w);
+    float *before = draw_without_directions(&w);
     draw(&w);
     assert_true(difference_of(before, w.by_cpu) > 1e-3);
     change_directions(&w, nothing);
@@ -695,13 +701,7 @@ static void test_directions_unknown(void **state) {
 static void test_directions_hostile(void **state) {
     (void)state;
     struct world w;
-    start_without_directions(&w);
-    draw(&w);
-    float *before = malloc(sizeof(float) * 6 * PIXELS);
-    assert_non_null(before);
-    memcpy(before, w.by_cpu, sizeof(float) * 3 * PIXELS);
-    memcpy(before + 3ul * PIXELS, w.by_gl, sizeof(float) * 3 * PIXELS);
-    fill_directions(&w);
+    float *before = draw_without_directions(&w);
     change_directions(&w, any_number);
     draw(&w);
     const float most = fmaxf(LW_DIRECTION_FACTOR_MAX, LW_DIRECTION_GAIN_MAX) * 1.02f;

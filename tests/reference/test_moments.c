@@ -329,7 +329,7 @@ static float longest_of(struct lw_tile_codec *codec, const struct lw_blob *blob,
     return longest;
 }
 
-/* Of all tiles that a publisher makes with that codec. */
+/* The longest direction of all tiles that a publisher makes with this codec. */
 static float longest_published(struct lit *l, uint32_t codec_number) {
     struct lw_publisher *publisher;
     struct lw_publisher_stats stats;

@@ -289,3 +289,15 @@ void lw_relays_await_not_in_tree(const struct lw_process *of, const char *host, 
         lw_relays_poll();
     }
 }
+
+void lw_relays_await_other_scene(int i) {
+    struct lw_error err = {0};
+    while (lw_client_poll(lw_relays_client[i], 10, &err) == LW_OK) {
+    }
+    while (lw_client_reconnect(lw_relays_client[i], &err) != LW_OK &&
+           !lw_client_found_other_scene(lw_relays_client[i]))
+        lw_support_pause();
+    assert_true(lw_client_found_other_scene(lw_relays_client[i]));
+    lw_client_destroy(lw_relays_client[i]);
+    lw_relays_client[i] = NULL;
+}

@@ -26,6 +26,8 @@ void lw_relays_join(int i, uint16_t port);
 void lw_relays_join_with(int i, uint16_t port, struct lw_client_desc desc);
 /** Waits for the session's end, and for another one. */
 void lw_relays_reconnect(int i);
+/** Waits for the session's end, and until the server there has another scene. Ends the client. */
+void lw_relays_await_other_scene(int i);
 /** Ends the test if a session has ended. */
 void lw_relays_poll(void);
 struct lw_client_stats lw_relays_stats(int i);

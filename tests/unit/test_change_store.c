@@ -191,7 +191,7 @@ static void a_failure_heals(void **state) {
     assert_int_equal(kept_count, 2);
 }
 
-/* Nobody has changed anything since the failure: what is not kept is kept as soon as it can be. */
+/* After a failure the store writes the changes again by itself, without a further change. */
 static void a_failure_heals_by_itself(void **state) {
     (void)state;
     const struct lw_scene_change a = move(0, 1);

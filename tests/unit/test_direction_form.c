@@ -2,18 +2,12 @@
 #include "common/base/random.h"
 #include "common/light/direction_form.h"
 #include "tests/support/support.h"
+#include "tests/support/unit_vector.h"
 #include "tests/unit/direction_glsl.h"
 
 #include <string.h>
 
 static const struct lw_vec3 up = {0, 1, 0};
-
-static struct lw_vec3 unit_of(uint32_t seed) {
-    float u[2];
-    lw_random_sobol2(seed, 9, u);
-    const float z = 1 - 2 * u[0], radius = sqrtf(fmaxf(1 - z * z, 0)), angle = 2 * LW_PI * u[1];
-    return lw_vec3(radius * cosf(angle), radius * sinf(angle), z);
-}
 
 static void test_even_light(void **state) {
     (void)state;
@@ -29,7 +23,7 @@ static void test_even_light(void **state) {
 static void test_one_source(void **state) {
     (void)state;
     for (uint32_t i = 0; i < 400; i++) {
-        struct lw_vec3 d = unit_of(i), m = unit_of(i + 5000);
+        struct lw_vec3 d = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 5000);
         if (d.y < 0.3f) continue;
         const struct lw_direction_source source = lw_direction_source_of(d, up);
         assert_true(fabsf(source.share - 1) < 1e-3f && lw_vec3_dot(source.direction, d) > 0.9999f);
@@ -42,7 +36,7 @@ static void test_one_source(void **state) {
 static void test_parts_come_back(void **state) {
     (void)state;
     for (uint32_t i = 0; i < 400; i++) {
-        struct lw_vec3 d = unit_of(i);
+        struct lw_vec3 d = lw_support_unit_vector(i);
         const float share = 0.05f + 0.9f * (float)(i % 16) / 16;
         if (d.y < 0) d.y = -d.y;
         const struct lw_vec3 r = lw_vec3_mad(lw_vec3_scale(up, (1 - share) * LW_DIRECTION_EVEN), d, share);
@@ -55,8 +49,8 @@ static void test_parts_come_back(void **state) {
 static void test_plain_normal_is_exact(void **state) {
     (void)state;
     for (uint32_t i = 0; i < 2000; i++) {
-        const struct lw_vec3 n = unit_of(i),
-                             r = lw_vec3_scale(unit_of(3 * i + 1), 0.001f * (float)(i % 1200));
+        const struct lw_vec3 n = lw_support_unit_vector(i),
+                             r = lw_vec3_scale(lw_support_unit_vector(3 * i + 1), 0.001f * (float)(i % 1200));
         const struct lw_direction_source source = lw_direction_source_of(r, n);
         assert_true(lw_direction_factor(&source, n, n) == 1);
     }
@@ -74,7 +68,7 @@ static void test_bounds(void **state) {
     for (uint32_t i = 0; i < 200000; i++) {
         float r[3];
         hostile(i, r);
-        const struct lw_vec3 n = unit_of(i), m = unit_of(i + 77);
+        const struct lw_vec3 n = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 77);
         const struct lw_direction_source source = lw_direction_source_of(lw_vec3(r[0], r[1], r[2]), n);
         const float factor = lw_direction_factor(&source, n, m);
         const float gain = lw_direction_gain(&source, n, m, 1e-3f + 0.999f * (float)(i % 100) / 99);
@@ -92,7 +86,7 @@ static void test_not_known(void **state) {
         {0, 0, 0}, {-0.01f, 0.01f, 0.01f}, {NAN, 0.5f, 0}, {0, INFINITY, 0}, {3e38f, 3e38f, 3e38f}};
     for (uint32_t i = 0; i < 400; i++)
         for (size_t k = 0; k < sizeof none / sizeof *none; k++) {
-            const struct lw_vec3 n = unit_of(i), m = unit_of(i + 900);
+            const struct lw_vec3 n = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 900);
             const struct lw_direction_source source = lw_direction_source_of(none[k], n);
             assert_true(!source.known && lw_direction_factor(&source, n, m) == 1);
             assert_true(lw_direction_gain(&source, n, m, 0.001f + 0.002f * (float)i) == 1);
@@ -127,10 +121,11 @@ static void test_surface_that_turns(void **state) {
     (void)state;
     for (uint32_t i = 0; i < 4000; i++) {
         const float tilt = LW_PI * (float)(i % 64) / 63, share = (float)(i % 11) / 10;
-        const struct lw_vec3 normal[2] = {up, lw_vec3(sinf(tilt), cosf(tilt), 0)}, m = unit_of(i + 33);
+        const struct lw_vec3 normal[2] = {up, lw_vec3(sinf(tilt), cosf(tilt), 0)},
+                             m = lw_support_unit_vector(i + 33);
         struct lw_vec3 r = {0};
         for (int k = 0; k < 2; k++) {
-            struct lw_vec3 d = unit_of(2 * i + (uint32_t)k);
+            struct lw_vec3 d = lw_support_unit_vector(2 * i + (uint32_t)k);
             d = lw_vec3_mad(d, normal[k], fmaxf(-2 * lw_vec3_dot(d, normal[k]), 0));
             r = lw_vec3_mad(r, d, k ? share : 1 - share);
         }
@@ -155,7 +150,8 @@ static void test_glsl(void **state) {
         hostile(3 * i + 1, r);
         const float size = i % 7 == 0 ? 0 : 0.002f * (float)(i % 500);
         for (int k = 0; k < 3; k++) r[k] *= size;
-        const struct lw_vec3 n = unit_of(i), m = unit_of(i + 77), ahead = unit_of(i + 3);
+        const struct lw_vec3 n = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 77),
+                             ahead = lw_support_unit_vector(i + 3);
         const float alpha = 0.01f + 0.99f * (float)(i % 90) / 89;
         const struct lw_direction_source source = lw_direction_source_of(lw_vec3(r[0], r[1], r[2]), n);
         const double factor = (double)lw_direction_factor(&source, n, m),

@@ -3,22 +3,16 @@
 #include "common/light/direction_linear.h"
 #include "server/bake/direction_maps.h"
 #include "tests/support/support.h"
+#include "tests/support/unit_vector.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 static const struct lw_vec3 up = {0, 1, 0};
 
-static struct lw_vec3 unit_of(uint32_t seed) {
-    float u[2];
-    lw_random_sobol2(seed, 9, u);
-    const float z = 1 - 2 * u[0], radius = sqrtf(fmaxf(1 - z * z, 0)), angle = 2 * LW_PI * u[1];
-    return lw_vec3(radius * cosf(angle), radius * sinf(angle), z);
-}
-
 /* Light of an even part and one source. */
 static struct lw_direction_source source_of(uint32_t seed, struct lw_vec3 n) {
-    struct lw_vec3 d = unit_of(seed);
+    struct lw_vec3 d = lw_support_unit_vector(seed);
     if (lw_vec3_dot(d, n) < 0) d = lw_vec3_scale(d, -1);
     const float share = (float)(seed % 16) / 15;
     return lw_direction_source_of(lw_vec3_mad(lw_vec3_scale(n, (1 - share) * LW_DIRECTION_EVEN), d, share),
@@ -32,7 +26,7 @@ static void test_even_light_is_exact(void **state) {
     for (float ratio = 1; ratio <= 4; ratio += 3)
         for (uint32_t i = 0; i < 100; i++) {
             const struct lw_direction_linear line = lw_direction_linear_of(&source, up, ratio);
-            const struct lw_vec3 m = unit_of(i);
+            const struct lw_vec3 m = lw_support_unit_vector(i);
             assert_true(fabsf(lw_direction_linear_factor(&line, m) - 0.5f * (1 + m.y)) < 1e-3f);
         }
 }
@@ -40,7 +34,7 @@ static void test_even_light_is_exact(void **state) {
 static void test_a_lamp(void **state) {
     (void)state;
     for (uint32_t i = 0; i < 400; i++) {
-        const struct lw_vec3 d = unit_of(i), m = unit_of(i + 5000);
+        const struct lw_vec3 d = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 5000);
         if (d.y < 0.3f) continue;
         const struct lw_direction_source source = lw_direction_source_of(d, up);
         for (float ratio = 1; ratio <= 4; ratio += 3) {
@@ -56,7 +50,7 @@ static void test_it_is_the_form_in_front_of_the_source(void **state) {
     (void)state;
     uint32_t compared = 0;
     for (uint32_t i = 0; i < 4000; i++) {
-        const struct lw_vec3 n = unit_of(i), m = unit_of(i + 999);
+        const struct lw_vec3 n = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 999);
         const struct lw_direction_source source = source_of(i + 31, n);
         const struct lw_direction_linear line = lw_direction_linear_of(&source, n, 1000);
         const float wanted = lw_direction_factor(&source, n, m);
@@ -78,7 +72,7 @@ static void test_bounds(void **state) {
         memcpy(r, bits, sizeof r);
         if (i % 3)
             for (int k = 0; k < 3; k++) r[k] = (float)(bits[k] % 4001) / 1000 - 2;
-        const struct lw_vec3 n = unit_of(i), m = unit_of(i + 77);
+        const struct lw_vec3 n = lw_support_unit_vector(i), m = lw_support_unit_vector(i + 77);
         const struct lw_direction_source source = lw_direction_source_of(lw_vec3(r[0], r[1], r[2]), n);
         for (float ratio = 1; ratio <= 4; ratio += 3) {
             const struct lw_direction_linear line = lw_direction_linear_of(&source, n, ratio);
@@ -116,7 +110,7 @@ static struct lw_vec3 get(const struct lw_map *map, size_t i) {
 static struct texels texels_of(void) {
     struct texels t = {map_of(), map_of(), map_of()};
     for (uint32_t i = 1; i < AREA; i++) {
-        const struct lw_vec3 n = unit_of(i);
+        const struct lw_vec3 n = lw_support_unit_vector(i);
         const struct lw_direction_source source = source_of(i, n);
         put(&t.normals, i, lw_vec3_scale(n, i % 2 ? 1 : 0.5f)); /* means are shorter */
         put(&t.map, i,
@@ -169,7 +163,7 @@ static void test_godot_reads_sh(void **state) {
         for (size_t c = 0; i >= AREA && c < 3; c++)
             assert_true(t.map.rgba[4 * i + c] >= 0 && t.map.rgba[4 * i + c] <= 1);
     for (uint32_t i = 1; i < AREA; i++) {
-        const struct lw_vec3 n = lw_vec3_normalize(get(&t.normals, i)), m = unit_of(i + 500);
+        const struct lw_vec3 n = lw_vec3_normalize(get(&t.normals, i)), m = lw_support_unit_vector(i + 500);
         const struct lw_vec3 e = get(&t.irradiance, i), at_n = read_sh(&t.map, i, n),
                              at_m = read_sh(&t.map, i, m);
         const struct lw_direction_linear line = line_of(&t, i, get(&plain.map, i), 4);
@@ -191,7 +185,7 @@ static void test_unity_reads_dominant(void **state) {
         for (size_t c = 0; c < 4; c++)
             assert_true(t.map.rgba[4 * i + c] >= 0 && t.map.rgba[4 * i + c] <= 1.00001f);
     for (uint32_t i = 1; i < AREA; i++) {
-        const struct lw_vec3 n = lw_vec3_normalize(get(&t.normals, i)), m = unit_of(i + 500);
+        const struct lw_vec3 n = lw_vec3_normalize(get(&t.normals, i)), m = lw_support_unit_vector(i + 500);
         const struct lw_direction_linear line = line_of(&t, i, get(&plain.map, i), 1);
         assert_true(fabsf(read_dominant(&t.map, i, n) - 1) < 1e-5f);
         assert_true(fabsf(read_dominant(&t.map, i, m) - lw_direction_linear_factor(&line, m)) < 1e-4f);

@@ -228,7 +228,7 @@ static struct lw_scene_change draw_change(const struct lw_scene *scene) {
     return c;
 }
 
-/* As a server takes it; a change that cannot be made is left out. */
+/* Makes a change as a server does. False: the server would refuse it. */
 static bool apply_change(struct lw_scene_state *state, struct lw_scene_roster *roster,
                          const struct lw_scene_change *c, double wall_s) {
     struct lw_error err = {0};

@@ -1,8 +1,7 @@
 // A baked .glb in three.js, by the loaders of docs/baking_engines.md, against our path tracer's picture of the scene.
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
-import { createReadStream, existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
-import { createServer } from 'node:http';
+import { existsSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test, { after } from 'node:test';
@@ -10,6 +9,7 @@ import test, { after } from 'node:test';
 import { bin, LIMIT_MS } from './daemon.mjs';
 import { compare, hasBrowser, pixelsOf, until } from './page.mjs';
 import { room } from './room.mjs';
+import { serveFolder } from './serve_folder.mjs';
 import { withPage } from './shared.mjs';
 
 const WIDTH = 160;
@@ -20,7 +20,6 @@ const FLIP_MAX = 0.15; // 0.11 measured: the noise of ours is most of it
 const missing = !['lightwell-bake', 'lightwell-view'].every((name) => existsSync(join(bin, name)))
   ? 'there is no lightwell-bake in build/release/bin'
   : !hasBrowser() && 'there is no chromium';
-const modules = new URL('../node_modules/', import.meta.url).pathname;
 
 // The plugin is that of docs/baking_engines.md.
 const page = `<!doctype html>
@@ -63,19 +62,6 @@ renderer.render(gltf.scene, camera);
 globalThis.shown = renderer.domElement.toDataURL();
 </script>`;
 
-function serve(folder) {
-  const server = createServer((request, response) => {
-    const path = decodeURIComponent(new URL(request.url, 'http://x').pathname);
-    const file = path.startsWith('/node_modules/') ? join(modules, path.slice(14)) : join(folder, path);
-    if (path === '/') return response.writeHead(200, { 'content-type': 'text/html' }).end(page);
-    if (!existsSync(file)) return response.writeHead(404).end();
-    const type = file.endsWith('.js') ? 'text/javascript' : 'application/octet-stream';
-    response.writeHead(200, { 'content-type': type });
-    createReadStream(file).pipe(response);
-  });
-  return new Promise((resolve) => server.listen(0, '127.0.0.1', () => resolve(server)));
-}
-
 /** Linear means of the channels. */
 function means(bytes) {
   const sums = [0, 0, 0];
@@ -111,7 +97,7 @@ async function show(...options) {
   const density = ['--texels-per-metre', '12', '--samples', '32', '--bounces', BOUNCES, '--denoise'];
   const file = ['--convention', 'three', '--restart', '--gltf-out', at('lit.glb')];
   run('lightwell-bake', at('scene.gltf'), '-o', folder, ...density, ...file, ...options);
-  const server = await serve(folder);
+  const server = await serveFolder(folder, page);
   const look = async (tab) => {
     await tab.goto(`http://127.0.0.1:${server.address().port}/`);
     await until(tab, 'a picture', () => globalThis.shown);

@@ -1,9 +1,8 @@
-// Baked directions in three.js, by the code of docs/baking_engines.md: a normal-mapped wall under a lamp, each
-// form against its closed form.
+// Baked directions in three.js, by the code of docs/baking_engines.md: a normal-mapped wall under a lamp.
+// Each form against its closed form.
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
-import { createReadStream, existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
-import { createServer } from 'node:http';
+import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 import test, { after } from 'node:test';
@@ -11,6 +10,7 @@ import test, { after } from 'node:test';
 import { albedo, bentWall, lightAt } from './bent_wall.mjs';
 import { bin, LIMIT_MS } from './daemon.mjs';
 import { hasBrowser, until } from './page.mjs';
+import { serveFolder } from './serve_folder.mjs';
 import { withPage } from './shared.mjs';
 
 const SIDE = 48; // pixels of a view of the wall's middle
@@ -19,7 +19,6 @@ const TOLERANCE = 0.01; // share of E(n): 16-bit texels of 25 mm, read between
 const missing = !existsSync(join(bin, 'lightwell-bake'))
   ? 'there is no lightwell-bake in build/release/bin'
   : !hasBrowser() && 'there is no chromium';
-const modules = new URL('../node_modules/', import.meta.url).pathname;
 
 const page = `<!doctype html>
 <script type="importmap">{ "imports": {
@@ -87,19 +86,6 @@ globalThis.green = Array.from({ length: ${SIDE * SIDE} }, (_, i) => rgba[4 * i +
 const folder = mkdtempSync(join(tmpdir(), 'lightwell-directions-'));
 after(() => rmSync(folder, { recursive: true }));
 
-function serve() {
-  const server = createServer((request, response) => {
-    const path = decodeURIComponent(new URL(request.url, 'http://x').pathname);
-    const file = path.startsWith('/node_modules/') ? join(modules, path.slice(14)) : join(folder, path);
-    if (path === '/') return response.writeHead(200, { 'content-type': 'text/html' }).end(page);
-    if (!existsSync(file)) return response.writeHead(404).end();
-    const type = file.endsWith('.js') ? 'text/javascript' : 'application/octet-stream';
-    response.writeHead(200, { 'content-type': type });
-    createReadStream(file).pipe(response);
-  });
-  return new Promise((resolve) => server.listen(0, '127.0.0.1', () => resolve(server)));
-}
-
 /** The green of each pixel, row by row from the bottom. */
 async function show(form) {
   writeFileSync(join(folder, 'wall.gltf'), bentWall());
@@ -107,7 +93,7 @@ async function show(form) {
   const files = ['-o', folder, '--convention', 'three', '--gltf-out', join(folder, 'lit.glb')];
   const scene = [join(folder, 'wall.gltf'), '--direction-form', form];
   execFileSync(join(bin, 'lightwell-bake'), [...scene, ...light, ...files], { stdio: 'pipe', timeout: LIMIT_MS });
-  const server = await serve();
+  const server = await serveFolder(folder, page);
   const look = async (tab) => {
     await tab.goto(`http://127.0.0.1:${server.address().port}/`);
     await until(tab, 'a picture', () => globalThis.green);

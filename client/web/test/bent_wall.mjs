@@ -13,7 +13,7 @@ const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 /** 34 degrees from the plain normal. */
 const bentNormal = unit(texel.map((c) => (c / 255) * 2 - 1));
 
-/** At a place of the wall: irradiance of the plain normal, and cosines of plain and bent normal to the lamp. */
+/** At a place of the wall: irradiance of the plain normal, and cosines of both normals to the lamp. */
 export function lightAt(x, y) {
   const way = [place[0] - x, place[1] - y, place[2]];
   const d = unit(way);

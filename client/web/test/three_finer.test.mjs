@@ -59,7 +59,7 @@ async function withLight(more, look) {
   }
 }
 
-/** Light for a scene of its own; draws until end(). bent: all surfaces have the same bent normal everywhere. */
+/** Light for a scene of its own; draws until end(). bent: all surfaces have the same bent normal. */
 const attach = async ([address, options, bent]) => {
   globalThis.scene = await load();
   globalThis.constant = (...rgb) => {

@@ -18,15 +18,15 @@ export const FINE_PIXELS = 4;
 export type FinerUniforms = Record<string, { value: unknown }>;
 
 /** Reads finer levels over a texel of level 0. uv: of the lightmap, 0 to 1. It stands outside all branches,
- * for it takes differences between pixels. With LIGHTWELL_DIRECTED, where the light of finer levels comes from
- * is in lightwellFine, with the share of level 0 as its last number. */
+ * for it takes differences between pixels. With LIGHTWELL_DIRECTED, lightwellFine holds the direction of the
+ * light of finer levels, and the share of level 0 as its last number. */
 export const FINER_SHADER = `
 uniform highp sampler2DArray lightwellPool;
 uniform highp usampler2D lightwellTable;
 uniform highp ivec4 lightwellFiner[ ${LEVELS_MAX} ]; // first entry, columns, width, height
 uniform highp vec2 lightwellAtlas;
 uniform int lightwellLevels;
-uniform int lightwellFarther; // layers from light to where it comes from; 0: that is not known
+uniform int lightwellFarther; // layers from light to its direction; 0: not known
 vec4 lightwellFine = vec4( 0.0, 0.0, 0.0, 1.0 );
 vec3 lightwellFinest( vec3 light, vec2 uv ) {
   highp vec2 place = uv * lightwellAtlas, right = dFdx( place ), down = dFdy( place );
@@ -65,7 +65,7 @@ export class FinePool {
   private readonly whole = new WeakMap<THREE.Texture, number>(); // version that the GPU has
   private renderer: AnyRenderer | null = null;
   private readonly entryOf = new Set<number>(); // tiles that are shown
-  private readonly farther: { value: number }; // layers from light to where it comes from; 0: that is not known
+  private readonly farther: { value: number }; // layers from light to its direction; 0: not known
 
   /** map: with finer levels. directed: the server says where their light comes from. */
   constructor(

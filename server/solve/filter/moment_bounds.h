@@ -11,7 +11,7 @@
 #include "server/solve/state/tiles.h"
 
 /** Shortens the moments among `channels`, and lifts those of covered texels above their surface, in all tiles
- * that were shown in frame `frame`. What lies within the bounds, to 1e-6 of the luminance, stays as it is.
+ * that were shown in frame `frame`. A moment within the bounds, to 1e-6 of the luminance, is not changed.
  * pose  where objects stand */
 void lw_moment_bounds_keep(struct lw_tiles *tiles, const struct lw_pose *pose, uint64_t frame,
                            uint32_t channels, int threads);

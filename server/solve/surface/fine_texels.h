@@ -25,7 +25,7 @@ struct lw_fine_texels {
 struct lw_fine_texels_maker;
 
 /** texels: outlive it. has_albedo: texels have their albedo, which takes as long again.
- * That is for bakes, which make each tile once: no result of a search is kept.
+ * Bakes set it. They make each tile once, so that no search result is kept.
  * Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_fine_texels_maker_create(const struct lw_texels *texels, bool has_albedo,
                                                          struct lw_fine_texels_maker **out_maker);
