@@ -247,39 +247,56 @@ static void test_sessions_take_turns_where_a_relay_asks_for_fewer(void **state) 
     serving_fine_room = 3;
 }
 
-/* Lists LW_SESSION_FINE_MAX tiles of the finest levels, but for the first object's tiles of the second finest
- * one: others than those with another `part`. */
-static void want_part(const struct serving *f, int s, uint32_t part) {
+/* LW_SESSION_FINE_MAX tiles of the two finest levels: others than those with another `part`. */
+static struct lw_message_interest_tile *part_of(const struct serving *f, uint32_t part) {
     static struct lw_message_interest_tile tile[LW_SESSION_FINE_MAX];
     uint32_t at = 0;
     for (uint32_t finer = LW_ATLAS_FINER_MAX; finer >= LW_ATLAS_FINER_MAX - 1; finer--)
-        for (uint32_t o = finer < LW_ATLAS_FINER_MAX; o < SERVING_OBJECTS; o++)
+        for (uint32_t o = 0; o < SERVING_OBJECTS; o++)
             for (uint32_t t = 0; lw_atlas_map_has_tile(&f->map, o, LW_ATLAS_FINER + finer, t); t++, at++)
                 if (at / LW_SESSION_FINE_MAX == part)
                     tile[at % LW_SESSION_FINE_MAX] =
                         (struct lw_message_interest_tile){o, LW_ATLAS_FINER + finer, t};
     assert_true(at >= (part + 1) * LW_SESSION_FINE_MAX);
+    return tile;
+}
+
+enum { GREEDY = 4, FEW = 20, COARSE = LW_ATLAS_FINER_MAX - 2 };
+
+/* Lists a part, with tiles of a coarser level in place of its last ones. */
+static void want_part(const struct serving *f, int s, uint32_t part, uint32_t coarse) {
+    struct lw_message_interest_tile *tile = part_of(f, part);
+    for (uint32_t i = 0; i < coarse; i++)
+        tile[LW_SESSION_FINE_MAX - coarse + i] =
+            (struct lw_message_interest_tile){0, LW_ATLAS_FINER + COARSE, i};
     serving_put(s, &(struct lw_message){.type = LW_MESSAGE_INTEREST,
                                         .interest = {.tile = tile, .tile_count = LW_SESSION_FINE_MAX}});
 }
 
-/* Four sessions list as many tiles as there are ids. One that comes after them, and lists few, gets ids for
- * all of its tiles, and its turns are among the first ones. */
-static void test_greedy_sessions_leave_ids_and_turns_to_others(void **state) {
-    (void)state;
-    enum { GREEDY = 4, FEW = 20, TILES_A_TURN = 4 };
+static void want_few(const struct serving *f, int s) {
+    (void)f;
+    want_first(s, COARSE, FEW);
+}
+
+/* Ids of lists are in the order of turns, not in that of the list. */
+static void want_few_at_the_end(const struct serving *f, int s) { want_part(f, s, GREEDY - 1, FEW); }
+
+/* Four sessions list as many tiles as there are ids. One that comes after them gets ids for its first tiles,
+ * and they have the first turns. */
+static void leave_ids_and_turns_to(void (*want)(const struct serving *f, int s)) {
+    enum { TILES_A_TURN = 4 };
     serving_finer_levels = LW_ATLAS_FINER_MAX;
     serving_fine_room = GREEDY * LW_SESSION_FINE_MAX;
     struct serving *f = serving_start(&(struct lw_server_desc){0});
     int s[GREEDY + 1];
     for (uint32_t i = 0; i <= GREEDY; i++) s[i] = dial_finer(f);
     for (uint32_t i = 0; i < GREEDY; i++) {
-        want_part(f, s[i], i);
+        want_part(f, s[i], i, 0);
         serving_expect_silence(s[i]); /* the server has read it */
     }
-    want_first(s[GREEDY], 3, FEW);
+    want(f, s[GREEDY]);
     serving_expect_silence(s[GREEDY]);
-    const lw_tile_id last = lw_atlas_map_find_tile(&f->map, 0, LW_ATLAS_FINER + 3, FEW - 1);
+    const lw_tile_id last = lw_atlas_map_find_tile(&f->map, 0, LW_ATLAS_FINER + COARSE, FEW - 1);
     assert_true(last.v != UINT32_MAX);
     struct lw_server_interest wanted = {0};
     do {
@@ -287,7 +304,7 @@ static void test_greedy_sessions_leave_ids_and_turns_to_others(void **state) {
         LW_SUPPORT_WAIT_UNTIL(lw_server_take_interest(f->server, &wanted));
     } while (wanted.everything || !wanted.levels[last.v]);
     for (uint32_t t = 0; t < FEW; t++) {
-        const lw_tile_id id = lw_atlas_map_find_tile(&f->map, 0, LW_ATLAS_FINER + 3, t);
+        const lw_tile_id id = lw_atlas_map_find_tile(&f->map, 0, LW_ATLAS_FINER + COARSE, t);
         assert_true(id.v != UINT32_MAX);
         assert_int_equal(wanted.levels[id.v], 1 + t / TILES_A_TURN);
     }
@@ -303,6 +320,16 @@ static void test_greedy_sessions_leave_ids_and_turns_to_others(void **state) {
     serving_end(f);
     serving_finer_levels = 0;
     serving_fine_room = 3;
+}
+
+static void test_greedy_sessions_leave_ids_and_turns_to_others(void **state) {
+    (void)state;
+    leave_ids_and_turns_to(want_few);
+}
+
+static void test_coarser_tiles_come_first_wherever_a_list_has_them(void **state) {
+    (void)state;
+    leave_ids_and_turns_to(want_few_at_the_end);
 }
 
 /* Numbers of finer levels and tiles that the scene does not have. */
@@ -385,6 +412,7 @@ int main(void) {
         cmocka_unit_test(test_a_session_has_so_many_fine_tiles),
         cmocka_unit_test(test_sessions_take_turns_where_a_relay_asks_for_fewer),
         cmocka_unit_test(test_greedy_sessions_leave_ids_and_turns_to_others),
+        cmocka_unit_test(test_coarser_tiles_come_first_wherever_a_list_has_them),
         cmocka_unit_test(test_no_such_fine_tile),
         cmocka_unit_test(test_a_dropped_tile_leaves_nothing_to_the_next),
     };

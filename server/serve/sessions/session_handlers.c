@@ -220,21 +220,32 @@ static void handle_finish_request(struct lw_session *s, const struct lw_message_
         lw_session_lacks_memory(s);
 }
 
-/* The id of a tile that a session lists. One of a finer level is left out, with UINT32_MAX, if there is no
- * id left for it, or none for this session. fine: how many of these the list has */
-static bool name_tile(const struct lw_session *s, const struct lw_message_interest_tile *t, uint32_t *fine,
+/* The id of a tile that a session lists; UINT32_MAX: it is of a finer level, and has none yet. */
+static bool name_tile(const struct lw_session *s, const struct lw_message_interest_tile *t,
                       uint32_t *out_id) {
     const struct lw_atlas_map *map = s->shared->atlas_map;
-    const bool is_fine = lw_atlas_finer(t->level);
-    if (!lw_atlas_map_has_tile(map, t->object, t->level, t->tile) || (is_fine && !s->has_finer)) return false;
+    if (!lw_atlas_map_has_tile(map, t->object, t->level, t->tile) ||
+        (lw_atlas_finer(t->level) && !s->has_finer))
+        return false;
     *out_id = lw_atlas_map_find_tile(map, t->object, t->level, t->tile).v;
-    if (!is_fine) return true;
-    if (*fine >= LW_SESSION_FINE_MAX)
-        *out_id = UINT32_MAX;
-    else if (*out_id == UINT32_MAX && lw_fine_turns_may_claim(map, *fine))
-        *out_id = lw_atlas_map_claim_tile(map, t->object, t->level, t->tile).v;
-    ++*fine;
     return true;
+}
+
+/* Gives ids to listed tiles of finer levels, coarser levels first, as they have their turns (fine_turns.h).
+ * UINT32_MAX: there is no id left for a tile, or none for this session. */
+static void claim_fine(const struct lw_session *s, const struct lw_message_interest *said, uint32_t *id) {
+    const struct lw_atlas_map *map = s->shared->atlas_map;
+    uint32_t fine = 0;
+    for (uint32_t k = 1; s->has_finer && k <= map->finer_count; k++)
+        for (size_t i = 0; i < said->tile_count; i++) {
+            const struct lw_message_interest_tile *t = &said->tile[i];
+            if (lw_atlas_finer(t->level) != k) continue;
+            if (fine >= LW_SESSION_FINE_MAX)
+                id[i] = UINT32_MAX;
+            else if (id[i] == UINT32_MAX && lw_fine_turns_may_claim(map, fine))
+                id[i] = lw_atlas_map_claim_tile(map, t->object, t->level, t->tile).v;
+            fine++;
+        }
 }
 
 /* Notes a session's interest. A peer may say it as often as it likes: the first holds at once, later ones
@@ -245,16 +256,16 @@ static void handle_interest(struct lw_session *s, const struct lw_message_intere
         lw_session_lacks_memory(s);
         return;
     }
-    uint32_t fine = 0;
     for (size_t i = 0; i < said->tile_count; i++) {
         const struct lw_message_interest_tile *t = &said->tile[i];
-        if (name_tile(s, t, &fine, &interest.tile[i])) continue;
+        if (name_tile(s, t, &interest.tile[i])) continue;
         free(interest.tile);
         lw_session_refuse(s, LW_REFUSAL_PROTOCOL,
                           "message INTEREST: there is no object %u, level %u, tile %u", t->object, t->level,
                           t->tile);
         return;
     }
+    claim_fine(s, said, interest.tile);
     uint64_t *listed = s->shared->listed;
     for (size_t i = 0; i < said->tile_count; i++)
         if (interest.tile[i] != UINT32_MAX && !lw_session_interest_test_and_set(listed, interest.tile[i]))
