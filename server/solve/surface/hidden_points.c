@@ -3,6 +3,7 @@
 #include "common/base/random.h"
 #include "common/light/direction.h"
 #include "server/solve/surface/crossings.h"
+#include "server/solve/surface/dark_spaces.h"
 
 /* A sample point is inside when what it sees is backs, all but one ray of these, and near ones: a roof that
  * is only modelled from outside shows its back to the floor below, but a lamp may hang in between. So far
@@ -14,6 +15,10 @@
 /* Inside a solid whose faces are double-sided, rays both ways leave it, all but three of these: tubes and
  * boxes may be open at an end. */
 #define ENCLOSED_RAYS 13
+/* In a solid of any size rays up meet backs, all but two of these: other things may end in it. */
+#define BACK_RAYS 6
+/* Of each point. All points of a texel that may be in the dark are in one space. */
+#define WALKS (LW_DARK_SPACES_WALKS / LW_SAMPLE_POINTS_MAX)
 /* Closer to another surface than this many times the lift, a sample point may find itself
  * on the surface's other side. */
 #define TOUCHING 8
@@ -31,7 +36,10 @@ struct texel {
     const struct point *pivot; /* NULL: the texel's own position */
     uint8_t together;          /* mask of its points: the most that one of them sees along the surface */
     bool suspect, rim, torn;
-    bool by_solid; /* a face near one of its points may be the inside of a solid */
+    bool by_solid;  /* a face near one of its points may be the inside of a solid */
+    bool by_back;   /* a ray of one of its points has met a back */
+    bool uncovered; /* one of its points has nothing close above it */
+    bool lit;       /* light has found one of its points */
 };
 
 struct point {
@@ -41,8 +49,9 @@ struct point {
     uint8_t number;
     /* masks of directions: looked in, with a back met, with nothing near (reach_of_solids) */
     uint8_t looked, back, clear;
-    bool covered;      /* something is close above it */
-    uint8_t free_rays; /* rays looking for solids that leave none */
+    bool covered;             /* something is close above it */
+    bool met_front, met_back; /* a ray of it has; single-sided or not */
+    uint8_t free_rays;        /* rays looking for solids that leave none, or see no back */
 };
 
 /* Texels of one object and their points, in the order of their numbers: neighbours look the same way. */
@@ -153,6 +162,7 @@ static void look_along(struct packet *p, uint32_t r) {
         if (!(active >> lane & 1)) continue;
         point->looked |= (uint8_t)(1u << r);
         if (is_back(p, lane)) point->back |= (uint8_t)(1u << r);
+        if (is_met(p, lane)) *(p->hits.back[lane] ? &point->met_back : &point->met_front) = true;
         if (!is_met(p, lane) || p->hits.t[lane] > reach_m)
             point->clear |= (uint8_t)(1u << r);
         else if (p->hits.back[lane] || material_of(p, lane)->double_sided)
@@ -167,7 +177,7 @@ static void set_up_rays(struct packet *p, float reach_m) {
 }
 
 static bool has_something_near(const struct packet *p, uint32_t lane) {
-    return p->point[lane]->back || !p->point[lane]->clear;
+    return p->point[lane]->met_back || !p->point[lane]->clear;
 }
 
 /* One ray from each point of its texel, and a short one straight up: enough to see that it stands free. */
@@ -246,6 +256,44 @@ static uint16_t may_be_enclosed(struct packet *p, uint32_t r) {
             ++p->point[lane]->free_rays > 2 * RAYS - ENCLOSED_RAYS)
             enclosed &= (uint16_t) ~(1u << lane);
     return enclosed;
+}
+
+static bool is_inner_face(const struct packet *p, uint32_t lane) {
+    return p->point[lane]->covered || (is_parting(p, lane) && p->hits.back[lane]);
+}
+
+/* May lie in a solid of any size, or where one touches another. */
+static uint16_t may_be_sealed(struct packet *p, uint32_t r) {
+    const struct lw_vec3 local = lw_hidden_points_direction(r);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (is_active(p, lane))
+            lw_trace_set_ray(&p->rays, lane, p->point[lane]->origin,
+                             lw_direction_about(p->point[lane]->face, local), p->crowd->search->far_m);
+    trace(p, LW_TRACE_COHERENT, p->active);
+    uint16_t sealed = lanes_where(p, is_inner_face);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (is_active(p, lane) && !(sealed >> lane & 1) && is_met(p, lane) &&
+            ++p->point[lane]->free_rays <= RAYS - BACK_RAYS)
+            sealed |= (uint16_t)(1u << lane);
+    return sealed;
+}
+
+/* Walks of all points of a texel are different ones. */
+static uint16_t is_dark(struct packet *p, uint32_t walk) {
+    struct lw_vec3 at[LW_TRACE_WIDTH], normal[LW_TRACE_WIDTH];
+    uint32_t number[LW_TRACE_WIDTH];
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        if (!is_active(p, lane)) continue;
+        const struct point *point = p->point[lane];
+        if (p->crowd->texel[point->texel].lit) p->active &= (uint16_t) ~(1u << lane);
+        at[lane] = point->origin;
+        normal[lane] = point->face;
+        number[lane] = WALKS * point->number + walk;
+    }
+    const uint16_t lit = lw_dark_spaces_find_light(p->crowd->search, number, p->active, at, normal);
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
+        if (lit >> lane & 1) p->crowd->texel[p->point[lane]->texel].lit = true;
+    return p->active & (uint16_t)~lit;
 }
 
 /* No other surface runs through the point: short rays across it, along one axis, meet none. */
@@ -444,6 +492,36 @@ static void take_out_enclosed(struct crowd *c, struct list *list) {
     take_out(c, list);
 }
 
+/* Only backs tell a solid from inside, and only points that are all covered have none that is better. */
+static bool may_hide(const struct crowd *c, const struct point *point) {
+    const struct texel *texel = &c->texel[point->texel];
+    return point->covered ? !texel->uncovered : texel->by_back && !point->met_front;
+}
+
+/* Takes out points inside large solids, of any faces, and between solids that touch, where no light comes. */
+static void take_out_sealed(struct crowd *c, struct list *list) {
+    list_points(c, list, UINT8_MAX, true);
+    for (uint32_t i = 0; i < list->count; i++) {
+        const struct point *point = &c->point[list->point[i]];
+        c->texel[point->texel].uncovered |= !point->covered;
+        c->texel[point->texel].by_back |= point->met_back;
+    }
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < list->count; i++) {
+        struct point *point = &c->point[list->point[i]];
+        point->free_rays = 0;
+        if (may_hide(c, point)) list->point[kept++] = list->point[i];
+    }
+    list->count = kept;
+    for (uint32_t r = 0; r < RAYS; r++) sift(c, list, may_be_sealed, r);
+    for (uint32_t walk = 0; walk < WALKS; walk++) sift(c, list, is_dark, walk);
+    kept = 0;
+    for (uint32_t i = 0; i < list->count; i++)
+        if (!c->texel[c->point[list->point[i]].texel].lit) list->point[kept++] = list->point[i];
+    list->count = kept;
+    take_out(c, list);
+}
+
 /* An uncertain point is better than none. */
 static void prefer_certain(struct crowd *c, struct list *list) {
     uint8_t certain[LW_HIDDEN_POINTS_TEXELS] = {0};
@@ -518,6 +596,7 @@ void lw_hidden_points_find(const struct lw_hidden_points_search *search, uint32_
     find_rims(&crowd, &list);
     take_out_inside(&crowd, &list);
     take_out_enclosed(&crowd, &list);
+    take_out_sealed(&crowd, &list);
     prefer_certain(&crowd, &list);
     keep_one_side(&crowd, &list);
     for (uint32_t t = 0; t < count; t++) usable[t] = crowd.texel[t].usable;

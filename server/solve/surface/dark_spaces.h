@@ -1,0 +1,21 @@
+/* dark_spaces.h: whether light can reach a point at all.
+ * Flow:    points that see backs alone, or something close above -> [dark_spaces] -> hidden_points
+ * Threads: [any].
+ *
+ * Walks leave the point and bounce off what they meet, as light would on its way back. A walk finds light
+ * where it leaves the scene, meets something that shines, moves or lets light through, or sees a lamp. A
+ * space in which no walk finds light is dark: the inside of a solid, or a joint between two. */
+#ifndef LW_SURFACE_DARK_SPACES_H
+#define LW_SURFACE_DARK_SPACES_H
+
+#include "server/solve/surface/hidden_points.h"
+
+#define LW_DARK_SPACES_WALKS 16u /* that find no light: the space is dark */
+
+/** Sixteen walks, one from each active point. walk: which; below LW_DARK_SPACES_WALKS. Returns the lanes that find
+ * light. */
+uint16_t lw_dark_spaces_find_light(const struct lw_hidden_points_search *search, const uint32_t walk[LW_TRACE_WIDTH],
+                                   uint16_t active, const struct lw_vec3 point[LW_TRACE_WIDTH],
+                                   const struct lw_vec3 normal[LW_TRACE_WIDTH]);
+
+#endif
