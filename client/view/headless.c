@@ -403,7 +403,7 @@ enum lw_status lw_headless_run(const struct lw_view_options *options, bool *out_
     status = connect_to_server(&h, err);
     if (status == LW_OK) status = receive_scene(&h, err);
     if (status == LW_OK) status = lw_stage_init(&h.stage, h.client, options->threads, err);
-    h.stage.mirrors = options->mirrors;
+    h.view.mirrors = h.stage.mirrors = options->mirrors && options->renderer != LW_VIEW_RENDERER_GL;
     if (status == LW_OK) status = lw_stage_follow(&h.stage, &moved, err);
     if (status == LW_OK) status = start_gl(&h, err);
     if (status == LW_OK) /* an unknown camera is reported before the wait */

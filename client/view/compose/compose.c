@@ -230,13 +230,17 @@ static uint64_t count_shadow_rays(const struct lw_compose *compose) {
     return rays;
 }
 
+static bool mirrors(const struct lw_compose *compose, const struct lw_compose_view *view) {
+    return view->mirrors && compose->finishes && view->show == LW_SHOW_ALL;
+}
+
 void lw_compose_render(struct lw_compose *compose, const struct lw_compose_source *source,
                        const struct lw_pose *pose, const struct lw_compose_view *view, float *out_rgb,
                        struct lw_compose_report *out_report) {
     compose->show = view->show;
     compose->tile_colour = view->tile_colour;
     begin(compose, source, pose);
-    compose->mirrors = view->mirrors && compose->finishes && view->show == LW_SHOW_ALL;
+    compose->mirrors = mirrors(compose, view);
     memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
     compose->pixel_count = (uint64_t)view->width * view->height;
     if (compose->direct) begin_direct(compose, view->sample);
@@ -274,6 +278,7 @@ void lw_compose_survey(struct lw_compose *compose, const struct lw_compose_sourc
     plane.pixel = lw_camera_plane(&view->camera, view->width, view->height).pixel;
     swap_needed(compose);
     compose->show = LW_SHOW_ALL;
+    compose->mirrors = mirrors(compose, view);
     compose->surveys = true;
     begin(compose, source, pose);
     lw_compose_render_tiles(compose, &wide, &plane, false, compose->survey);

@@ -139,7 +139,7 @@ static inline bool lw_compose_is_finished(const struct lw_material *material) {
 /* Whether a surface is shaded by its finish. */
 static inline bool lw_compose_shades_finish(const struct lw_compose *compose,
                                             const struct lw_material *material) {
-    return compose->finishes && !compose->surveys &&
+    return compose->finishes && (!compose->surveys || compose->mirrors) &&
            (lw_compose_is_finished(material) || lw_show_is_of_finish(compose->show));
 }
 

@@ -108,7 +108,8 @@ enum lw_status lw_stage_look(struct lw_stage *stage, const struct lw_camera_view
     stage->looked_ns = now_ns;
     struct lw_compose_source source = lw_compose_source_of(stage->client);
     lw_compose_survey(stage->compose, &source, &stage->pose,
-                      &(struct lw_compose_view){.camera = *camera, .width = width, .height = height});
+                      &(struct lw_compose_view){
+                          .camera = *camera, .width = width, .height = height, .mirrors = stage->mirrors});
     struct lw_attention *a = &stage->attention;
     lw_attention_list(a, lw_compose_needed(stage->compose), lw_compose_around(stage->compose), now_ns);
     enum lw_status status = lw_client_want(stage->client, a->list, a->list_count);
