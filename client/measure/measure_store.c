@@ -1,6 +1,6 @@
 #include "client/measure/measure_store.h"
 
-#include "client/measure/report_text.h"
+#include "client/measure/report.h"
 #include "common/base/folders.h"
 
 #include <errno.h>
@@ -13,11 +13,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define SAMPLES   "samples.csv"
-#define COSTS     "costs.csv"
-#define LATE      "late.csv"
-#define ROW       "row.csv"
-#define FAILURES  "failures.csv"
 #define FIELDS    48u
 #define PATH_SIZE 4096u
 
@@ -95,31 +90,21 @@ static void print_unit(FILE *f, const struct lw_measure_unit *unit) {
     fprintf(f, "%s,%s,%u", unit->renderer, unit->setting, unit->repeat);
 }
 
-static void print_samples_head(FILE *f) {
-    fprintf(f, "renderer,setting,repeat,view,frame");
+/* The whole tables, of an empty store their heads alone. context: a store. */
+
+static void print_samples(struct lw_report *out, const void *context) {
+    const struct lw_measure_store *s = context;
+    fprintf(out->f, "renderer,setting,repeat,view,frame");
     for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
-        fprintf(f, ",%s", lw_measure_coin_name((enum lw_measure_coin)c));
-    fprintf(f, "\n");
-}
-
-static void print_sample(FILE *f, const struct lw_measure_sample *sample) {
-    print_unit(f, &sample->unit);
-    fprintf(f, ",%u,%u", sample->view, sample->frame);
-    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++) print_number(f, sample->coin[c]);
-    fprintf(f, "\n");
-}
-
-static void print_costs_head(FILE *f) {
-    fprintf(f, "renderer,setting,repeat,users,view,frames,samples");
-    for (int s = 0; s < LW_STAGE_COUNT; s++) {
-        char name[40];
-        snprintf(name, sizeof name, "%s", lw_stage_name((enum lw_stage)s));
-        for (char *c = name; *c; c++)
-            if (*c == ' ') *c = '_';
-        fprintf(f, ",%s_cpu_s", name);
+        fprintf(out->f, ",%s", lw_measure_coin_name((enum lw_measure_coin)c));
+    fprintf(out->f, "\n");
+    for (size_t i = 0; i < s->sample_count; i++) {
+        const struct lw_measure_sample *sample = &s->sample[i];
+        print_unit(out->f, &sample->unit);
+        fprintf(out->f, ",%u,%u", sample->view, sample->frame);
+        for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++) print_number(out->f, sample->coin[c]);
+        fprintf(out->f, "\n");
     }
-    for (int x = 0; x < LW_MEASURE_EXTRA_COUNT; x++) fprintf(f, ",%s", extra_name[x]);
-    fprintf(f, "\n");
 }
 
 static void print_expense(FILE *f, const struct lw_measure_expense *e) {
@@ -135,12 +120,47 @@ static void print_expense(FILE *f, const struct lw_measure_expense *e) {
     fprintf(f, "\n");
 }
 
+static void print_costs(struct lw_report *out, const void *context) {
+    const struct lw_measure_store *s = context;
+    fprintf(out->f, "renderer,setting,repeat,users,view,frames,samples");
+    for (int stage = 0; stage < LW_STAGE_COUNT; stage++) {
+        char name[40];
+        snprintf(name, sizeof name, "%s", lw_stage_name((enum lw_stage)stage));
+        for (char *c = name; *c; c++)
+            if (*c == ' ') *c = '_';
+        fprintf(out->f, ",%s_cpu_s", name);
+    }
+    for (int x = 0; x < LW_MEASURE_EXTRA_COUNT; x++) fprintf(out->f, ",%s", extra_name[x]);
+    fprintf(out->f, "\n");
+    for (size_t i = 0; i < s->expense_count; i++) print_expense(out->f, &s->expense[i]);
+}
+
+static void print_late(struct lw_report *out, const void *context) {
+    const struct lw_measure_store *s = context;
+    fprintf(out->f, "view,frame,late,relmse\n");
+    for (const struct lw_measure_late *l = s->late; l < s->late + s->late_count; l++)
+        fprintf(out->f, "%u,%u,%u,%.9g\n", l->view, l->frame, l->late, l->relmse);
+}
+
+static void print_notes(struct lw_report *out, const void *context) {
+    const struct lw_measure_store *s = context;
+    for (size_t i = 0; i < s->note_count; i++) fprintf(out->f, "%s,%s\n", s->note[i].key, s->note[i].value);
+}
+
+static void print_failures(struct lw_report *out, const void *context) {
+    const struct lw_measure_store *s = context;
+    for (size_t i = 0; i < s->failure_count; i++) {
+        print_unit(out->f, &s->failure[i].unit);
+        fprintf(out->f, ",%s\n", s->failure[i].text);
+    }
+}
+
 /* ---- reading ---- */
 
 /* One table while it is read. */
 struct table {
     const struct lw_measure_store *store;
-    const char *name;
+    const struct lw_report_file *file;
     char *bytes, *at; /* NULL: there is none */
     uint32_t line;
     char *field[FIELDS];
@@ -151,7 +171,7 @@ struct table {
 static enum lw_status load(struct table *t, struct lw_error *err) {
     char path[PATH_SIZE];
     struct stat about;
-    path_of(t->store, t->name, path);
+    path_of(t->store, t->file->name, path);
     FILE *f = fopen(path, "re");
     if (!f && errno == ENOENT) return LW_OK;
     if (!f) return lw_status_fail(err, LW_NO_INPUT, "%s: %s", path, strerror(errno));
@@ -191,21 +211,22 @@ static void split(struct table *t, char *line, uint32_t most) {
 }
 
 static enum lw_status bad_line(const struct table *t, const char *why, struct lw_error *err) {
-    return lw_status_fail(err, LW_BAD_DATA, "%s/%s, line %u: %s", t->store->folder, t->name, t->line, why);
+    return lw_status_fail(err, LW_BAD_DATA, "%s/%s, line %u: %s", t->store->folder, t->file->name, t->line,
+                          why);
 }
 
-static enum lw_status skip_head(struct table *t, void (*print)(FILE *), struct lw_error *err) {
-    struct lw_report_text text;
-    char *line;
-    if (!next_line(t, &line)) return LW_OK;
-    enum lw_status status = lw_report_text_begin(&text, t->name, err);
+static enum lw_status skip_head(struct table *t, struct lw_error *err) {
+    static const struct lw_measure_store empty;
+    char *head, *line;
+    size_t size;
+    enum lw_status status = lw_report_print(t->file, &empty, &head, &size, err);
     if (status != LW_OK) return status;
-    print(text.stream);
-    status = lw_report_text_end(&text, err);
-    if (status != LW_OK) return status;
-    text.bytes[text.size - 1] = 0;
-    const bool same = strcmp(text.bytes, line) == 0;
-    free(text.bytes);
+    bool same = true;
+    if (size && next_line(t, &line)) {
+        head[size - 1] = 0; /* the line's end */
+        same = strcmp(head, line) == 0;
+    }
+    free(head);
     return same ? LW_OK : bad_line(t, "other columns than this version writes", err);
 }
 
@@ -301,32 +322,40 @@ static enum lw_status take_failure(struct lw_measure_store *s, char *const *fiel
     return PUSH(s->failure, s->failure_count, x) ? LW_OK : LW_NO_MEMORY;
 }
 
-static void print_late_head(FILE *f) { fprintf(f, "view,frame,late,relmse\n"); }
+enum kind { SAMPLES, COSTS, LATE, ROW, FAILURES, KINDS };
 
-static const struct kind {
-    const char *name, *fault;   /* file name; text for a bad line */
-    void (*print_head)(FILE *); /* NULL: it has none */
-    uint32_t fields;            /* the last one takes the rest of the line */
+static const struct {
+    struct lw_report_file file;
+    const char *fault; /* text for a bad line */
+    uint32_t fields;   /* the last one takes the rest of the line */
     enum lw_status (*take)(struct lw_measure_store *s, char *const *field, uint32_t count);
-} kinds[] = {{SAMPLES, "not a sample", print_samples_head, FIELDS, take_sample},
-             {COSTS, "not a cost", print_costs_head, FIELDS, take_expense},
-             {LATE, "not an error of late light", print_late_head, FIELDS, take_late},
-             {ROW, "not KEY,VALUE", NULL, 2, take_note},
-             {FAILURES, "not a failure", NULL, 4, take_failure}};
+} tables[KINDS] = {{{"samples.csv", print_samples}, "not a sample", FIELDS, take_sample},
+                   {{"costs.csv", print_costs}, "not a cost", FIELDS, take_expense},
+                   {{"late.csv", print_late}, "not an error of late light", FIELDS, take_late},
+                   {{"row.csv", print_notes}, "not KEY,VALUE", 2, take_note},
+                   {{"failures.csv", print_failures}, "not a failure", 4, take_failure}};
 
-static enum lw_status read_table(struct lw_measure_store *s, const struct kind *kind, bool *out_torn,
+static enum lw_status no_memory(enum kind kind, struct lw_error *err) {
+    return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", tables[kind].file.name);
+}
+
+static enum lw_status save_table(const struct lw_measure_store *s, enum kind kind, struct lw_error *err) {
+    return lw_report_save(s->folder, &tables[kind].file, 1, s, err);
+}
+
+static enum lw_status read_table(struct lw_measure_store *s, enum kind kind, bool *out_torn,
                                  struct lw_error *err) {
-    struct table t = {.store = s, .name = kind->name};
+    struct table t = {.store = s, .file = &tables[kind].file};
     char *line;
     enum lw_status status = load(&t, err);
-    if (status == LW_OK && kind->print_head) status = skip_head(&t, kind->print_head, err);
+    if (status == LW_OK) status = skip_head(&t, err);
     while (status == LW_OK && next_line(&t, &line)) {
-        split(&t, line, kind->fields);
-        status = kind->take(s, t.field, t.field_count);
+        split(&t, line, tables[kind].fields);
+        status = tables[kind].take(s, t.field, t.field_count);
         if (status == LW_BAD_DATA)
-            status = bad_line(&t, kind->fault, err);
+            status = bad_line(&t, tables[kind].fault, err);
         else if (status != LW_OK)
-            status = lw_status_fail(err, status, "no memory for %s", t.name);
+            status = no_memory(kind, err);
     }
     *out_torn |= t.torn;
     free(t.bytes);
@@ -366,36 +395,21 @@ static bool drop_incomplete(struct lw_measure_store *s) {
     return dropped;
 }
 
-static enum lw_status write_all(const struct lw_measure_store *s, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, SAMPLES, err);
-    if (status != LW_OK) return status;
-    print_samples_head(text.stream);
-    for (size_t i = 0; i < s->sample_count; i++) print_sample(text.stream, &s->sample[i]);
-    status = lw_report_text_save(&text, s->folder, err);
-    if (status == LW_OK) status = lw_report_text_begin(&text, COSTS, err);
-    if (status != LW_OK) return status;
-    print_costs_head(text.stream);
-    for (size_t i = 0; i < s->expense_count; i++) print_expense(text.stream, &s->expense[i]);
-    return lw_report_text_save(&text, s->folder, err);
-}
-
-static enum lw_status open_to_append(const struct lw_measure_store *s, const char *name, int *out_file,
+static enum lw_status open_to_append(const struct lw_measure_store *s, enum kind kind, int *out_file,
                                      struct lw_error *err) {
     char path[PATH_SIZE];
-    path_of(s, name, path);
+    path_of(s, tables[kind].file.name, path);
     *out_file = open(path, O_WRONLY | O_APPEND | O_CLOEXEC);
     if (*out_file < 0) return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", path, strerror(errno));
     return LW_OK;
 }
 
-/* Names of tables that hold none of their lines yet are made with their heads. */
-static bool has_tables(const struct lw_measure_store *s) {
-    char samples[PATH_SIZE], costs[PATH_SIZE];
-    struct stat a, b;
-    path_of(s, SAMPLES, samples);
-    path_of(s, COSTS, costs);
-    return stat(samples, &a) == 0 && a.st_size > 0 && stat(costs, &b) == 0 && b.st_size > 0;
+/* A table without lines has a head. */
+static bool has_table(const struct lw_measure_store *s, enum kind kind) {
+    char path[PATH_SIZE];
+    struct stat about;
+    path_of(s, tables[kind].file.name, path);
+    return stat(path, &about) == 0 && about.st_size > 0;
 }
 
 enum lw_status lw_measure_store_open(struct lw_measure_store *s, const char *folder, bool read_only,
@@ -408,12 +422,13 @@ enum lw_status lw_measure_store_open(struct lw_measure_store *s, const char *fol
     if (read_only && stat(folder, &about) < 0)
         return lw_status_fail(err, LW_NO_INPUT, "%s: %s", folder, strerror(errno));
     enum lw_status status = read_only ? LW_OK : lw_folders_make(folder, err);
-    for (size_t i = 0; status == LW_OK && i < sizeof kinds / sizeof *kinds; i++)
-        status = read_table(s, &kinds[i], &torn, err);
+    for (enum kind k = 0; status == LW_OK && k < KINDS; k++) status = read_table(s, k, &torn, err);
     if (status != LW_OK) return status;
     const bool dropped = drop_incomplete(s);
     if (read_only) return LW_OK;
-    if (dropped || torn || !has_tables(s)) status = write_all(s, err);
+    const bool whole = !dropped && !torn && has_table(s, SAMPLES) && has_table(s, COSTS);
+    if (!whole) status = save_table(s, SAMPLES, err);
+    if (!whole && status == LW_OK) status = save_table(s, COSTS, err);
     if (status == LW_OK) status = open_to_append(s, SAMPLES, &s->samples_file, err);
     if (status == LW_OK) status = open_to_append(s, COSTS, &s->costs_file, err);
     return status;
@@ -432,81 +447,81 @@ void lw_measure_store_finish(struct lw_measure_store *s) {
 
 /* ---- appending ---- */
 
-static enum lw_status write_text(const struct lw_measure_store *s, int file, const char *name,
-                                 const struct lw_report_text *text, struct lw_error *err) {
-    for (size_t done = 0; done < text->size;) {
-        const ssize_t wrote = write(file, text->bytes + done, text->size - done);
+static bool write_text(int file, const char *text) {
+    while (*text) {
+        const ssize_t wrote = write(file, text, strlen(text));
         if (wrote < 0 && errno == EINTR) continue;
-        if (wrote <= 0)
-            return lw_status_fail(err, LW_IO, "%s/%s: cannot write: %s", s->folder, name, strerror(errno));
-        done += (size_t)wrote;
+        if (wrote <= 0) return false;
+        text += wrote;
     }
-    /* a device or a pipe has nothing to flush */
-    if (fsync(file) < 0 && errno != EINVAL)
-        return lw_status_fail(err, LW_IO, "%s/%s: cannot write: %s", s->folder, name, strerror(errno));
-    return LW_OK;
+    return fsync(file) == 0 || errno == EINVAL; /* a device or a pipe has nothing to flush */
 }
 
-static enum lw_status append(const struct lw_measure_store *s, const struct lw_report_text *samples,
-                             const struct lw_report_text *costs, struct lw_error *err) {
-    struct stat before_samples, before_costs;
-    if (fstat(s->samples_file, &before_samples) < 0 || fstat(s->costs_file, &before_costs) < 0)
-        return lw_status_fail(err, LW_IO, "%s: %s", s->folder, strerror(errno));
-    enum lw_status status = write_text(s, s->samples_file, SAMPLES, samples, err);
-    if (status == LW_OK) status = write_text(s, s->costs_file, COSTS, costs, err);
+/* The lines of `more`, without the head. */
+static enum lw_status append_table(const struct lw_measure_store *more, int file, enum kind kind,
+                                   struct lw_error *err) {
+    char *bytes;
+    size_t size;
+    enum lw_status status = lw_report_print(&tables[kind].file, more, &bytes, &size, err);
+    if (status != LW_OK) return status;
+    if (!write_text(file, strchr(bytes, '\n') + 1))
+        status = lw_status_fail(err, LW_IO, "%s/%s: cannot write: %s", more->folder, tables[kind].file.name,
+                                strerror(errno));
+    free(bytes);
+    return status;
+}
+
+static enum lw_status append(const struct lw_measure_store *more, struct lw_error *err) {
+    struct stat samples, costs;
+    if (fstat(more->samples_file, &samples) < 0 || fstat(more->costs_file, &costs) < 0)
+        return lw_status_fail(err, LW_IO, "%s: %s", more->folder, strerror(errno));
+    enum lw_status status = append_table(more, more->samples_file, SAMPLES, err);
+    if (status == LW_OK) status = append_table(more, more->costs_file, COSTS, err);
     if (status == LW_OK) return LW_OK;
     /* what remains all the same is found when the row is opened again */
-    if (ftruncate(s->samples_file, before_samples.st_size) < 0) return status;
-    if (ftruncate(s->costs_file, before_costs.st_size) < 0) return status;
+    if (ftruncate(more->samples_file, samples.st_size) < 0) return status;
+    if (ftruncate(more->costs_file, costs.st_size) < 0) return status;
     return status;
 }
 
 enum lw_status lw_measure_store_append(struct lw_measure_store *s, const struct lw_measure_sample *sample,
                                        size_t sample_count, const struct lw_measure_expense *expense,
                                        size_t expense_count, struct lw_error *err) {
-    struct lw_report_text samples, costs;
-    enum lw_status status = lw_report_text_begin(&samples, SAMPLES, err);
-    if (status != LW_OK) return status;
-    for (size_t i = 0; i < sample_count; i++) print_sample(samples.stream, &sample[i]);
-    if ((status = lw_report_text_end(&samples, err)) != LW_OK) return status;
-    status = lw_report_text_begin(&costs, COSTS, err);
-    if (status == LW_OK) {
-        for (size_t i = 0; i < expense_count; i++) print_expense(costs.stream, &expense[i]);
-        status = lw_report_text_end(&costs, err);
-    }
-    if (status == LW_OK) {
-        status = append(s, &samples, &costs, err);
-        free(costs.bytes);
-    }
-    free(samples.bytes);
+    const size_t samples = s->sample_count, expenses = s->expense_count;
     bool room = true;
-    for (size_t i = 0; status == LW_OK && room && i < sample_count; i++)
-        room = PUSH(s->sample, s->sample_count, sample[i]);
-    for (size_t i = 0; status == LW_OK && room && i < expense_count; i++)
-        room = PUSH(s->expense, s->expense_count, expense[i]);
-    return room ? status : lw_status_fail(err, LW_NO_MEMORY, "no memory for what was measured");
+    for (size_t i = 0; room && i < sample_count; i++) room = PUSH(s->sample, s->sample_count, sample[i]);
+    for (size_t i = 0; room && i < expense_count; i++) room = PUSH(s->expense, s->expense_count, expense[i]);
+    struct lw_measure_store more = *s; /* the new lines */
+    if (samples) more.sample += samples;
+    if (expenses) more.expense += expenses;
+    more.sample_count -= samples;
+    more.expense_count -= expenses;
+    const enum lw_status status =
+        room ? append(&more, err) : lw_status_fail(err, LW_NO_MEMORY, "no memory for what was measured");
+    if (status != LW_OK) {
+        s->sample_count = samples;
+        s->expense_count = expenses;
+    }
+    return status;
 }
 
 enum lw_status lw_measure_store_set_late(struct lw_measure_store *s, const struct lw_measure_late *late,
                                          size_t count, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, LATE, err);
-    if (status != LW_OK) return status;
-    print_late_head(text.stream);
-    for (size_t i = 0; i < count; i++)
-        fprintf(text.stream, "%u,%u,%u,%.9g\n", late[i].view, late[i].frame, late[i].late, late[i].relmse);
-    status = lw_report_text_save(&text, s->folder, err);
     s->late_count = 0;
-    for (size_t i = 0; status == LW_OK && i < count; i++)
-        if (!PUSH(s->late, s->late_count, late[i]))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " LATE);
-    return status;
+    for (size_t i = 0; i < count; i++)
+        if (!PUSH(s->late, s->late_count, late[i])) return no_memory(LATE, err);
+    return save_table(s, LATE, err);
 }
 
 const char *lw_measure_store_get(const struct lw_measure_store *s, const char *key) {
     for (size_t i = 0; i < s->note_count; i++)
         if (strcmp(s->note[i].key, key) == 0) return s->note[i].value;
     return NULL;
+}
+
+const char *lw_measure_store_note(const struct lw_measure_store *s, const char *key, const char *otherwise) {
+    const char *value = lw_measure_store_get(s, key);
+    return value && *value ? value : otherwise;
 }
 
 bool lw_measure_store_lists(const char *list, const char *entry) {
@@ -522,7 +537,6 @@ bool lw_measure_store_lists(const char *list, const char *entry) {
 enum lw_status lw_measure_store_set(struct lw_measure_store *s, const char *key, const char *value,
                                     struct lw_error *err) {
     struct lw_measure_note note = {.key = ""};
-    struct lw_report_text text;
     size_t at = 0;
     while (at < s->note_count && strcmp(s->note[at].key, key) != 0) at++;
     snprintf(note.key, sizeof note.key, "%s", key);
@@ -532,13 +546,9 @@ enum lw_status lw_measure_store_set(struct lw_measure_store *s, const char *key,
         if (strcmp(s->note[at].value, note.value) == 0) return LW_OK;
         s->note[at] = note;
     } else if (!PUSH(s->note, s->note_count, note)) {
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory for " ROW);
+        return no_memory(ROW, err);
     }
-    enum lw_status status = lw_report_text_begin(&text, ROW, err);
-    if (status != LW_OK) return status;
-    for (size_t i = 0; i < s->note_count; i++)
-        fprintf(text.stream, "%s,%s\n", s->note[i].key, s->note[i].value);
-    return lw_report_text_save(&text, s->folder, err);
+    return save_table(s, ROW, err);
 }
 
 enum lw_status lw_measure_store_fail(struct lw_measure_store *s, const struct lw_measure_unit *unit,
@@ -550,18 +560,10 @@ enum lw_status lw_measure_store_fail(struct lw_measure_store *s, const struct lw
     s->failure_count = kept;
     if (!why && kept == before) return LW_OK;
     struct lw_measure_failure failure = {.unit = *unit};
-    struct lw_report_text text;
     snprintf(failure.text, sizeof failure.text, "%s", why ? why : "");
     lw_status_one_line(failure.text);
-    if (why && !PUSH(s->failure, s->failure_count, failure))
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory for " FAILURES);
-    enum lw_status status = lw_report_text_begin(&text, FAILURES, err);
-    if (status != LW_OK) return status;
-    for (size_t i = 0; i < s->failure_count; i++) {
-        print_unit(text.stream, &s->failure[i].unit);
-        fprintf(text.stream, ",%s\n", s->failure[i].text);
-    }
-    return lw_report_text_save(&text, s->folder, err);
+    if (why && !PUSH(s->failure, s->failure_count, failure)) return no_memory(FAILURES, err);
+    return save_table(s, FAILURES, err);
 }
 
 void lw_measure_store_picture_path(const char *folder, const char *kind, const struct lw_measure_unit *unit,
