@@ -1,7 +1,5 @@
 #include "client/measure/crossover_plan.h"
 
-#include "common/base/log.h"
-
 #include <math.h>
 #include <stdio.h>
 #include <string.h>

@@ -33,6 +33,7 @@ static const struct {
 struct row {
     const struct lw_measure_store *store;
     struct lw_crossover_analysis a;
+    const char *refusal; /* why nothing can be measured; NULL: it can */
 };
 
 /* ---- words ---- */
@@ -571,21 +572,16 @@ static void print_markdown(struct lw_report *out, const void *context) {
     print_by_view(out, r);
 }
 
-struct refusal {
-    struct row row;
-    const char *why;
-};
-
 static void print_refusal(struct lw_report *out, const void *context) {
-    const struct refusal *refusal = context;
-    fprintf(out->f, "# Crossover: %s, %s\n\n**Not measured:** %s\n", get(&refusal->row, "scene", "?"),
-            get(&refusal->row, "motion", "?"), refusal->why);
+    const struct row *r = context;
+    fprintf(out->f, "# Crossover: %s, %s\n\n**Not measured:** %s\n", get(r, "scene", "?"),
+            get(r, "motion", "?"), r->refusal);
 }
 
 enum lw_status lw_crossover_report_refuse(const struct lw_measure_store *store, const char *why,
                                           struct lw_error *err) {
     static const struct lw_report_file file = {"report.md", print_refusal};
-    return lw_report_save(store->folder, &file, 1, &(struct refusal){{.store = store}, why}, err);
+    return lw_report_save(store->folder, &file, 1, &(struct row){.store = store, .refusal = why}, err);
 }
 
 enum lw_status lw_crossover_report_write(const struct lw_measure_store *store, struct lw_error *err) {

@@ -15,23 +15,16 @@
 
 #define PATH_SIZE 4096u
 
-const char *lw_measure_coin_name(enum lw_measure_coin coin) {
-    static const char *const name[] = {
-#define X(tag, text, about) text,
-        LW_MEASURE_COIN_MAP(X)
+static const struct {
+    const char *name, *about;
+} coins[] = {
+#define X(tag, name, about) {name, about},
+    LW_MEASURE_COIN_MAP(X)
 #undef X
-    };
-    return name[coin];
-}
+};
 
-const char *lw_measure_coin_about(enum lw_measure_coin coin) {
-    static const char *const about[] = {
-#define X(tag, name, text) text,
-        LW_MEASURE_COIN_MAP(X)
-#undef X
-    };
-    return about[coin];
-}
+const char *lw_measure_coin_name(enum lw_measure_coin coin) { return coins[coin].name; }
+const char *lw_measure_coin_about(enum lw_measure_coin coin) { return coins[coin].about; }
 
 struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit *unit, uint32_t users,
                                                    uint32_t view) {

@@ -5,7 +5,6 @@
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 /* Standard errors by which light must change from other moments to the last one, for a lag to be known. 4 x 4
  * pixels of a reference share random numbers (path_trace.h), so that a standard error over pixels is not what
