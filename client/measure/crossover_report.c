@@ -78,6 +78,13 @@ static struct lw_crossover_ratio compare(const struct lw_crossover_point *cache,
     return (struct lw_crossover_ratio){.r1.value = (double)NAN, .m.value = (double)NAN};
 }
 
+static struct lw_measure_unit unit_of(const struct lw_crossover_point *p) {
+    struct lw_measure_unit unit = {.repeat = 0};
+    memcpy(unit.renderer, p->renderer, sizeof unit.renderer);
+    memcpy(unit.setting, p->setting, sizeof unit.setting);
+    return unit;
+}
+
 /* ---- at the opponents' own error ---- */
 
 static const struct lw_crossover_point *filtered(const struct row *r, const char *name) {
@@ -322,19 +329,11 @@ static void print_clock(struct lw_report *out, const struct row *r) {
 
 /* ---- by frame, by view, by age of light ---- */
 
-static double mean_at(const struct row *r, const struct lw_crossover_point *p, uint32_t frame,
-                      uint32_t view) {
-    double sum = 0;
-    uint32_t count = 0;
-    for (size_t i = 0; i < r->store->sample_count; i++) {
-        const struct lw_measure_sample *s = &r->store->sample[i];
-        if (strcmp(s->unit.renderer, p->renderer) != 0 || strcmp(s->unit.setting, p->setting) != 0) continue;
-        if ((frame != UINT32_MAX && s->frame != frame) || (view != UINT32_MAX && s->view != view)) continue;
-        if (isnan(s->coin[LW_MEASURE_COIN_RELMSE])) continue;
-        sum += s->coin[LW_MEASURE_COIN_RELMSE];
-        count++;
-    }
-    return count ? sum / count : (double)NAN;
+static double mean_at(const struct row *r, const struct lw_crossover_point *p, uint32_t view,
+                      uint32_t frame) {
+    struct lw_measure_unit unit = unit_of(p);
+    unit.repeat = LW_MEASURE_ALL;
+    return lw_measure_store_mean(r->store, &unit, view, frame, LW_MEASURE_COIN_RELMSE);
 }
 
 static int by_number(const void *a, const void *b) {
@@ -366,7 +365,7 @@ static void print_by_frame(struct lw_report *out, const struct row *r) {
     for (uint32_t i = 0; i < r->a.point_count; i++) {
         print_name(out, &r->a.point[i]);
         for (uint32_t k = 0; k < count; k++)
-            lw_report_number(out, mean_at(r, &r->a.point[i], frame[k], UINT32_MAX));
+            lw_report_number(out, mean_at(r, &r->a.point[i], LW_MEASURE_ALL, frame[k]));
         lw_report_end_row(out);
     }
     fprintf(out->f, "\n");
@@ -385,7 +384,7 @@ static void print_by_view(struct lw_report *out, const struct row *r) {
                 late = r->store->late[i].relmse;
         lw_report_cell(out, "%u", v);
         for (uint32_t i = 0; i < r->a.point_count; i++)
-            lw_report_number(out, mean_at(r, &r->a.point[i], UINT32_MAX, v));
+            lw_report_number(out, mean_at(r, &r->a.point[i], v, LW_MEASURE_ALL));
         lw_report_number(out, late);
         lw_report_end_row(out);
     }
@@ -436,13 +435,6 @@ static const struct lw_crossover_point *at_equal_cost(const struct row *r,
             best = p;
     }
     return best ? best : least;
-}
-
-static struct lw_measure_unit unit_of(const struct lw_crossover_point *p) {
-    struct lw_measure_unit unit = {.repeat = 0};
-    memcpy(unit.renderer, p->renderer, sizeof unit.renderer);
-    memcpy(unit.setting, p->setting, sizeof unit.setting);
-    return unit;
 }
 
 static void add_strip(struct lw_crossover_strip *strip, uint32_t *count, const struct lw_crossover_point *p,

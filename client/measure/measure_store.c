@@ -335,6 +335,22 @@ bool lw_measure_store_has(const struct lw_measure_store *s, const struct lw_meas
     return false;
 }
 
+double lw_measure_store_mean(const struct lw_measure_store *s, const struct lw_measure_unit *unit,
+                             uint32_t view, uint32_t frame, enum lw_measure_coin coin) {
+    double sum = 0;
+    uint32_t count = 0;
+    for (const struct lw_measure_sample *x = s->sample; x < s->sample + s->sample_count; x++) {
+        struct lw_measure_unit same = *unit;
+        if (same.repeat == LW_MEASURE_ALL) same.repeat = x->unit.repeat;
+        if (!lw_measure_store_same(&x->unit, &same) || isnan(x->coin[coin])) continue;
+        if ((view != LW_MEASURE_ALL && x->view != view) || (frame != LW_MEASURE_ALL && x->frame != frame))
+            continue;
+        sum += x->coin[coin];
+        count++;
+    }
+    return count ? sum / count : (double)NAN;
+}
+
 /* Takes out what no whole unit holds. Returns whether there was any. */
 static bool drop_incomplete(struct lw_measure_store *s) {
     size_t samples = 0, expenses = 0;

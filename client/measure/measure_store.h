@@ -140,6 +140,11 @@ void lw_measure_store_finish(struct lw_measure_store *store);
 
 bool lw_measure_store_has(const struct lw_measure_store *store, const struct lw_measure_unit *unit);
 
+/** Mean error of a renderer at a setting. unit->repeat, view, frame: LW_MEASURE_ALL stands for any. NAN: not
+ * known. */
+double lw_measure_store_mean(const struct lw_measure_store *store, const struct lw_measure_unit *unit,
+                             uint32_t view, uint32_t frame, enum lw_measure_coin coin);
+
 /** Adds a unit. Its last expense is the sum of the others. On failure the files are as before.
  * Errors: LW_IO naming the file; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_measure_store_append(struct lw_measure_store *store,

@@ -270,6 +270,27 @@ static void notes_and_failures_stay(void **state) {
     lw_measure_store_finish(&store);
 }
 
+/* Flicker is known in view 11 alone. One repeat has another relMSE there. */
+static void means_are_of_what_was_asked_for(void **state) {
+    (void)state;
+    struct lw_measure_store store;
+    struct lw_error err = {0};
+    struct lw_measure_unit one = unit("cache", 0), other = unit("cache", 1),
+                           any = unit("cache", LW_MEASURE_ALL);
+    const uint32_t all = LW_MEASURE_ALL;
+    open_store(&store, make_row("means"));
+    lw_support_ok(append(&store, &one, &err), &err);
+    store.sample[store.sample_count - 1].coin[0] = 4;
+    assert_true(lw_measure_store_mean(&store, &one, all, all, LW_MEASURE_COIN_RELMSE) == (0.25 + 4) / 2);
+    assert_true(lw_measure_store_mean(&store, &one, 11, all, LW_MEASURE_COIN_RELMSE) == 4);
+    assert_true(lw_measure_store_mean(&store, &other, all, 61, LW_MEASURE_COIN_RELMSE) == 0.25);
+    assert_true(fabs(lw_measure_store_mean(&store, &any, 11, all, LW_MEASURE_COIN_RELMSE) - 2) < 1e-4);
+    assert_true(lw_measure_store_mean(&store, &any, all, all, LW_MEASURE_COIN_FLICKER) == 4);
+    assert_true(isnan(lw_measure_store_mean(&store, &any, 1, all, LW_MEASURE_COIN_FLICKER)));
+    assert_true(isnan(lw_measure_store_mean(&store, &any, 2, all, LW_MEASURE_COIN_RELMSE)));
+    lw_measure_store_finish(&store);
+}
+
 static void a_list_has_whole_entries(void **state) {
     (void)state;
     const char *list = "x1 1+2 rest 0.02 tiles; x2 1+2 rest 0.02";
@@ -356,6 +377,7 @@ int main(void) {
         cmocka_unit_test(a_unit_that_was_cut_off_is_measured_again),
         cmocka_unit_test(other_tables_are_refused_by_line),
         cmocka_unit_test(lines_that_are_none_are_refused),
+        cmocka_unit_test(means_are_of_what_was_asked_for),
         cmocka_unit_test(a_full_disk_takes_nothing_away),
         cmocka_unit_test(notes_and_failures_stay),
     };
