@@ -12,9 +12,7 @@
 #include "client/measure/measure_store.h"
 
 #define LW_CROSSOVER_POINTS_MAX 64u
-/* light a second late must be off by at least this multiple of the error asked for */
-#define LW_CROSSOVER_GATE_TIMES 3.0
-#define LW_CROSSOVER_GATE_LATE  30u /* frames */
+#define LW_CROSSOVER_GATE_LATE  30u /* frames; for LW_MEASURE_GATE_TIMES */
 
 /** A renderer at a setting. Cells are [view * repeats + repeat]. */
 struct lw_crossover_point {

@@ -1,9 +1,7 @@
 #include "client/measure/crossover_options.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define WIDTH_MIN  64u /* two crops side by side */

@@ -1,7 +1,5 @@
 #include "client/measure/crossover_plan.h"
 
-#include "common/base/log.h"
-
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -70,20 +68,12 @@ static enum lw_status plan_cache(struct lw_crossover_row *row, struct lw_crossov
     return lw_measure_row_note(&row->base, err, "densities left out", "%s", left_out);
 }
 
-/* Mean error of a unit of repeat 0 in a measure; NAN: it is not measured. */
-static double error_of(const struct lw_crossover_row *row, const struct lw_measure_unit *unit,
-                       enum lw_measure_coin coin) {
-    double sum = 0;
-    uint32_t count = 0;
-    for (size_t i = 0; i < row->base.store.sample_count; i++) {
-        const struct lw_measure_sample *s = &row->base.store.sample[i];
-        if (s->unit.repeat || strcmp(s->unit.renderer, unit->renderer) != 0 ||
-            strcmp(s->unit.setting, unit->setting) != 0 || isnan(s->coin[coin]))
-            continue;
-        sum += s->coin[coin];
-        count++;
-    }
-    return count ? sum / count : (double)NAN;
+/* Whether more samples bring the error in a measure down, or may: one is not measured. */
+static bool gains(const struct lw_measure_store *s, const struct lw_crossover_plan *few,
+                  const struct lw_crossover_plan *more, enum lw_measure_coin coin) {
+    return !(lw_measure_store_mean(s, &more->unit, LW_MEASURE_ALL, LW_MEASURE_ALL, coin) >
+             LW_CROSSOVER_GAIN_MIN *
+                 lw_measure_store_mean(s, &few->unit, LW_MEASURE_ALL, LW_MEASURE_ALL, coin));
 }
 
 bool lw_crossover_plan_is_idle(const struct lw_crossover_row *row, const struct lw_crossover_plan *plan,
@@ -93,11 +83,9 @@ bool lw_crossover_plan_is_idle(const struct lw_crossover_row *row, const struct 
         if (!few->is_cache || few->density >= next->density || few->rung || more->rung != next->rung ||
             few->setting.draws != next->setting.draws || few->setting.by_gl != next->setting.by_gl)
             continue;
-        const bool gains = !(error_of(row, &more->unit, LW_MEASURE_COIN_RELMSE) >
-                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_MEASURE_COIN_RELMSE)) ||
-                           !(error_of(row, &more->unit, LW_MEASURE_COIN_FLIP) >
-                             LW_CROSSOVER_GAIN_MIN * error_of(row, &few->unit, LW_MEASURE_COIN_FLIP));
-        if (!gains) return true;
+        if (!gains(&row->base.store, few, more, LW_MEASURE_COIN_RELMSE) &&
+            !gains(&row->base.store, few, more, LW_MEASURE_COIN_FLIP))
+            return true;
     }
     return false;
 }

@@ -19,7 +19,7 @@ struct lw_crossover_plan {
 };
 
 /** Lists all plans: path renderers, then the cache by growing density. Notes in the row which densities have
- * too many texels. Errors: those of lw_crossover_row_note(). */
+ * too many texels. Errors: those of lw_measure_row_note(). */
 LW_MUST_CHECK enum lw_status lw_crossover_plan_all(struct lw_crossover_row *row,
                                                    struct lw_crossover_plan out_plan[LW_CROSSOVER_PLANS_MAX],
                                                    uint32_t *out_count, struct lw_error *err);

@@ -13,13 +13,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STEP        16u /* crops begin and end at multiples of it: their samples are the whole picture's */
-#define SIDE_MAX    96u
-#define LATE_SHARE  4u /* late references have a quarter of the paths */
-#define DARK_SHARE  1e-4
-#define FLOOR_SHARE 0.01
-#define KEY_SIZE    512u
-#define PLACES      0x5eedu /* seed of the crops' places; fixed before anything runs */
+#define STEP       16u /* crops begin and end at multiples of it: their samples are the whole picture's */
+#define SIDE_MAX   96u
+#define LATE_SHARE 4u /* late references have a quarter of the paths */
+#define KEY_SIZE   512u
+#define PLACES     0x5eedu /* seed of the crops' places; fixed before anything runs */
 
 /* ---- crops ---- */
 
@@ -323,7 +321,7 @@ static enum lw_status leave_out_dark(struct lw_crossover_references *t, const ch
     bool before;
     t->mean_square = brightness_of(t, 0, LW_MEASURE_VIEWS, &before);
     for (uint32_t v = 0; v < LW_MEASURE_VIEWS; v++) {
-        t->dark[v] = !(brightness_of(t, v, 1, &before) > DARK_SHARE * t->mean_square);
+        t->dark[v] = !(brightness_of(t, v, 1, &before) > LW_REFERENCE_DARK_SHARE * t->mean_square);
         t->dark_count += t->dark[v];
     }
     if (t->dark_count == LW_MEASURE_VIEWS || !(t->mean_square > 0))
@@ -359,7 +357,7 @@ double lw_crossover_references_late_error(const struct lw_crossover_references *
                                                 .half = {now->half[0], now->half[1]},
                                                 .left_out = l->left_out};
     return lw_view_error_relmse(&all, (const float *[]){l->half[0], l->half[1]},
-                                FLOOR_SHARE * t->mean_square);
+                                LW_REFERENCE_FLOOR_SHARE * t->mean_square);
 }
 
 /* ---- the whole ---- */

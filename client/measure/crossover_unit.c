@@ -1,5 +1,6 @@
 #include "client/measure/crossover_unit.h"
 
+#include "client/measure/figures/reference.h"
 #include "client/measure/sides/cache_renderer.h"
 #include "client/measure/sides/per_user_renderer.h"
 #include "client/measure/sides/views.h"
@@ -22,7 +23,6 @@
 #define CLIP_VIEW     7u /* drifts, neither dark nor the brightest */
 #define CLIP_FRAMES   12u
 #define CLIP_HALVED   2u /* clips have half the width and height of pictures */
-#define FLOOR_SHARE   0.01
 
 struct lw_crossover_job {
     struct lw_crossover_row *row;
@@ -74,7 +74,7 @@ static double resident_bytes(void) {
 /* ---- errors ---- */
 
 static struct lw_view_error_desc error_desc(const struct lw_crossover_references *t) {
-    return (struct lw_view_error_desc){.epsilon = FLOOR_SHARE * t->mean_square,
+    return (struct lw_view_error_desc){.epsilon = LW_REFERENCE_FLOOR_SHARE * t->mean_square,
                                        .curve = LW_TONEMAP_ACES,
                                        .stops = t->stops,
                                        .moment_distance_s = (double)LW_CROSSOVER_LATE_FRAMES / LW_VIEWS_HZ};

@@ -1,49 +1,30 @@
 #include "client/measure/measure_store.h"
 
-#include "client/measure/report_text.h"
+#include "client/measure/report.h"
 #include "common/base/folders.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
-#include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define SAMPLES   "samples.csv"
-#define COSTS     "costs.csv"
-#define LATE      "late.csv"
-#define ROW       "row.csv"
-#define FAILURES  "failures.csv"
-#define FIELDS    48u
 #define PATH_SIZE 4096u
 
-const char *lw_measure_coin_name(enum lw_measure_coin coin) {
-    static const char *const name[] = {
-#define X(tag, text, about) text,
-        LW_MEASURE_COIN_MAP(X)
-#undef X
-    };
-    return name[coin];
-}
-
-const char *lw_measure_coin_about(enum lw_measure_coin coin) {
-    static const char *const about[] = {
-#define X(tag, name, text) text,
-        LW_MEASURE_COIN_MAP(X)
-#undef X
-    };
-    return about[coin];
-}
-
-static const char *const extra_name[] = {
-#define X(tag, name, about) name,
-    LW_MEASURE_EXTRA_MAP(X)
+static const struct {
+    const char *name, *about;
+} coins[] = {
+#define X(tag, name, about) {name, about},
+    LW_MEASURE_COIN_MAP(X)
 #undef X
 };
+
+const char *lw_measure_coin_name(enum lw_measure_coin coin) { return coins[coin].name; }
+const char *lw_measure_coin_about(enum lw_measure_coin coin) { return coins[coin].about; }
 
 struct lw_measure_expense lw_measure_store_expense(const struct lw_measure_unit *unit, uint32_t users,
                                                    uint32_t view) {
@@ -78,258 +59,265 @@ bool lw_measure_store_same(const struct lw_measure_unit *a, const struct lw_meas
            strcmp(a->setting, b->setting) == 0;
 }
 
-/* ---- text ---- */
+/* ---- tables by their columns ---- */
 
-static void path_of(const struct lw_measure_store *s, const char *name, char out[PATH_SIZE]) {
-    snprintf(out, PATH_SIZE, "%s/%s", s->folder, name);
-}
+/* REST: the last text of a line. It may hold commas and is cut to its size. KNOWN: a number, never empty. */
+enum cell { TEXT, REST, COUNT, VIEW, NUMBER, KNOWN };
 
-static void print_number(FILE *f, double x) {
-    if (isnan(x))
-        fprintf(f, ",");
-    else
-        fprintf(f, ",%.9g", x);
-}
+struct column {
+    const char *name; /* its blanks become "_" */
+    enum cell cell;
+    size_t offset;  /* in the struct of a line */
+    uint32_t limit; /* bytes of a text, or the first count that is too large */
+};
 
-static void print_unit(FILE *f, const struct lw_measure_unit *unit) {
-    fprintf(f, "%s,%s,%u", unit->renderer, unit->setting, unit->repeat);
-}
+#define COLUMN(line, name, field, cell, limit)                                                               \
+    { name, cell, offsetof(struct line, field), limit }
+#define UNIT(line)                                                                                           \
+    COLUMN(line, "renderer", unit.renderer, TEXT, LW_MEASURE_NAME_SIZE),                                     \
+        COLUMN(line, "setting", unit.setting, TEXT, LW_MEASURE_NAME_SIZE),                                   \
+        COLUMN(line, "repeat", unit.repeat, COUNT, LW_MEASURE_REPEATS_MAX)
 
-static void print_samples_head(FILE *f) {
-    fprintf(f, "renderer,setting,repeat,view,frame");
-    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++)
-        fprintf(f, ",%s", lw_measure_coin_name((enum lw_measure_coin)c));
-    fprintf(f, "\n");
-}
+static const struct column sample_columns[] = {
+    UNIT(lw_measure_sample), COLUMN(lw_measure_sample, "view", view, COUNT, LW_MEASURE_VIEWS),
+    COLUMN(lw_measure_sample, "frame", frame, COUNT, UINT32_MAX),
+#define X(tag, name, about) COLUMN(lw_measure_sample, name, coin[LW_MEASURE_COIN_##tag], NUMBER, 0),
+    LW_MEASURE_COIN_MAP(X)
+#undef X
+};
+static const struct column cost_columns[] = {
+    UNIT(lw_measure_expense),
+    COLUMN(lw_measure_expense, "users", users, COUNT, UINT32_MAX),
+    COLUMN(lw_measure_expense, "view", view, VIEW, LW_MEASURE_VIEWS),
+    COLUMN(lw_measure_expense, "frames", frames, COUNT, UINT32_MAX),
+    COLUMN(lw_measure_expense, "samples", samples, COUNT, UINT32_MAX),
+#define X(tag, name, per_user) COLUMN(lw_measure_expense, name " cpu_s", cpu_s[LW_STAGE_##tag], KNOWN, 0),
+    LW_STAGE_MAP(X)
+#undef X
+#define X(tag, name, about) COLUMN(lw_measure_expense, name, extra[LW_MEASURE_EXTRA_##tag], NUMBER, 0),
+        LW_MEASURE_EXTRA_MAP(X)
+#undef X
+};
+static const struct column late_columns[] = {COLUMN(lw_measure_late, "view", view, COUNT, LW_MEASURE_VIEWS),
+                                             COLUMN(lw_measure_late, "frame", frame, COUNT, UINT32_MAX),
+                                             COLUMN(lw_measure_late, "late", late, COUNT, UINT32_MAX),
+                                             COLUMN(lw_measure_late, "relmse", relmse, NUMBER, 0)};
+static const struct column note_columns[] = {
+    COLUMN(lw_measure_note, NULL, key, TEXT, LW_MEASURE_NAME_SIZE),
+    COLUMN(lw_measure_note, NULL, value, REST, LW_MEASURE_NOTE_SIZE)};
+static const struct column failure_columns[] = {
+    UNIT(lw_measure_failure), COLUMN(lw_measure_failure, NULL, text, REST, LW_ERROR_TEXT_SIZE)};
 
-static void print_sample(FILE *f, const struct lw_measure_sample *sample) {
-    print_unit(f, &sample->unit);
-    fprintf(f, ",%u,%u", sample->view, sample->frame);
-    for (int c = 0; c < LW_MEASURE_COIN_COUNT; c++) print_number(f, sample->coin[c]);
-    fprintf(f, "\n");
-}
+enum kind { SAMPLES, COSTS, LATE, ROW, FAILURES, KINDS };
 
-static void print_costs_head(FILE *f) {
-    fprintf(f, "renderer,setting,repeat,users,view,frames,samples");
-    for (int s = 0; s < LW_STAGE_COUNT; s++) {
-        char name[40];
-        snprintf(name, sizeof name, "%s", lw_stage_name((enum lw_stage)s));
-        for (char *c = name; *c; c++)
-            if (*c == ' ') *c = '_';
-        fprintf(f, ",%s_cpu_s", name);
+static const struct table {
+    const char *name, *fault; /* file name; text for a bad line */
+    bool has_head;
+    const struct column *column;
+    uint32_t column_count;
+    size_t lines, line_count, line_size; /* offsets in the store; bytes */
+} tables[KINDS] = {
+#define TABLE(name, fault, has_head, field, columns)                                                         \
+    {                                                                                                        \
+        name, fault, has_head, columns, sizeof columns / sizeof *columns,                                    \
+            offsetof(struct lw_measure_store, field), offsetof(struct lw_measure_store, field##_count),      \
+            sizeof *((struct lw_measure_store *)NULL)->field                                                 \
     }
-    for (int x = 0; x < LW_MEASURE_EXTRA_COUNT; x++) fprintf(f, ",%s", extra_name[x]);
-    fprintf(f, "\n");
+    TABLE("samples.csv", "not a sample", true, sample, sample_columns),
+    TABLE("costs.csv", "not a cost", true, expense, cost_columns),
+    TABLE("late.csv", "not an error of late light", true, late, late_columns),
+    TABLE("row.csv", "not KEY,VALUE", false, note, note_columns),
+    TABLE("failures.csv", "not a failure", false, failure, failure_columns)};
+
+static void path_of(const struct lw_measure_store *s, enum kind kind, char out[PATH_SIZE]) {
+    snprintf(out, PATH_SIZE, "%s/%s", s->folder, tables[kind].name);
 }
 
-static void print_expense(FILE *f, const struct lw_measure_expense *e) {
-    print_unit(f, &e->unit);
-    fprintf(f, ",%u,", e->users);
-    if (e->view == LW_MEASURE_ALL || e->view == LW_MEASURE_SOME)
-        fprintf(f, e->view == LW_MEASURE_ALL ? "all" : "some");
-    else
-        fprintf(f, "%u", e->view);
-    fprintf(f, ",%u,%u", e->frames, e->samples);
-    for (int s = 0; s < LW_STAGE_COUNT; s++) print_number(f, e->cpu_s[s]);
-    for (int x = 0; x < LW_MEASURE_EXTRA_COUNT; x++) print_number(f, e->extra[x]);
-    fprintf(f, "\n");
+/* Room for one more line; NULL: there is none. */
+static void *make_room(struct lw_measure_store *s, enum kind kind) {
+    void **lines = (void **)((char *)s + tables[kind].lines);
+    const size_t count = *(size_t *)((char *)s + tables[kind].line_count), size = tables[kind].line_size;
+    if (!(count & (count - 1))) { /* doubled at powers of two */
+        void *grown = realloc(*lines, (count ? 2 * count : 1) * size);
+        if (!grown) return NULL;
+        *lines = grown;
+    }
+    return memset((char *)*lines + count * size, 0, size);
+}
+
+static void keep_line(struct lw_measure_store *s, enum kind kind) {
+    ++*(size_t *)((char *)s + tables[kind].line_count);
+}
+
+static enum lw_status add_line(struct lw_measure_store *s, enum kind kind, const void *line,
+                               struct lw_error *err) {
+    void *room = make_room(s, kind);
+    if (!room) return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", tables[kind].name);
+    memcpy(room, line, tables[kind].line_size);
+    keep_line(s, kind);
+    return LW_OK;
+}
+
+/* ---- writing ---- */
+
+static void print_cell(FILE *f, const struct column *c, const void *line) {
+    const void *at = (const char *)line + c->offset;
+    const double *number = at;
+    const uint32_t *count = at;
+    if (c->cell <= REST)
+        fprintf(f, "%s", (const char *)at);
+    else if (c->cell >= NUMBER && !isnan(*number))
+        fprintf(f, "%.9g", *number);
+    else if (c->cell == VIEW && *count >= LW_MEASURE_SOME)
+        fprintf(f, *count == LW_MEASURE_ALL ? "all" : "some");
+    else if (c->cell < NUMBER)
+        fprintf(f, "%u", *count);
+}
+
+struct source {
+    const struct lw_measure_store *store;
+    enum kind kind;
+};
+
+static void print_table(struct lw_report *out, const void *context) {
+    const struct source *source = context;
+    const struct table *t = &tables[source->kind];
+    const char *line = *(char *const *)((const char *)source->store + t->lines);
+    const size_t count = *(const size_t *)((const char *)source->store + t->line_count);
+    for (uint32_t c = 0; t->has_head && c < t->column_count; c++) {
+        for (const char *n = t->column[c].name; *n; n++) fputc(*n == ' ' ? '_' : *n, out->f);
+        fputc(c + 1 < t->column_count ? ',' : '\n', out->f);
+    }
+    for (size_t i = 0; i < count; i++, line += t->line_size)
+        for (uint32_t c = 0; c < t->column_count; c++) {
+            print_cell(out->f, &t->column[c], line);
+            fputc(c + 1 < t->column_count ? ',' : '\n', out->f);
+        }
+}
+
+static enum lw_status print(const struct lw_measure_store *s, enum kind kind, char **out_text,
+                            struct lw_error *err) {
+    const struct lw_report_file file = {tables[kind].name, print_table};
+    size_t size;
+    return lw_report_print(&file, &(struct source){s, kind}, out_text, &size, err);
+}
+
+static enum lw_status save_table(const struct lw_measure_store *s, enum kind kind, struct lw_error *err) {
+    const struct lw_report_file file = {tables[kind].name, print_table};
+    return lw_report_save(s->folder, &file, 1, &(struct source){s, kind}, err);
 }
 
 /* ---- reading ---- */
 
-/* One table while it is read. */
-struct table {
-    const struct lw_measure_store *store;
-    const char *name;
+/* A table while it is read. */
+struct reader {
+    struct lw_measure_store *store;
+    enum kind kind;
     char *bytes, *at; /* NULL: there is none */
     uint32_t line;
-    char *field[FIELDS];
-    uint32_t field_count;
     bool torn; /* its last line had no end */
 };
 
-static enum lw_status load(struct table *t, struct lw_error *err) {
+static enum lw_status load(struct reader *r, struct lw_error *err) {
     char path[PATH_SIZE];
     struct stat about;
-    path_of(t->store, t->name, path);
+    path_of(r->store, r->kind, path);
     FILE *f = fopen(path, "re");
     if (!f && errno == ENOENT) return LW_OK;
     if (!f) return lw_status_fail(err, LW_NO_INPUT, "%s: %s", path, strerror(errno));
     const size_t size = fstat(fileno(f), &about) == 0 ? (size_t)about.st_size : 0;
-    t->at = t->bytes = calloc(size + 1, 1);
-    const bool good = t->bytes && fread(t->bytes, 1, size, f) <= size && !ferror(f);
+    r->at = r->bytes = calloc(size + 1, 1);
+    const bool good = r->bytes && fread(r->bytes, 1, size, f) <= size && !ferror(f);
     fclose(f);
-    if (!t->bytes) return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", path);
+    if (!r->bytes) return lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", path);
     return good ? LW_OK : lw_status_fail(err, LW_IO, "%s: cannot read", path);
 }
 
 /* The next line, without its end; false: there is none. A line without an end was torn off. */
-static bool next_line(struct table *t, char **out_line) {
-    if (!t->at || !*t->at) return false;
-    char *stop = strchr(t->at, '\n');
-    if (!stop) {
-        t->torn = true;
-        return false;
-    }
+static bool next_line(struct reader *r, char **out_line) {
+    if (!r->at || !*r->at) return false;
+    char *stop = strchr(r->at, '\n');
+    r->torn = !stop;
+    if (!stop) return false;
     *stop = 0;
-    *out_line = t->at;
-    t->at = stop + 1;
-    t->line++;
+    *out_line = r->at;
+    r->at = stop + 1;
+    r->line++;
     return true;
 }
 
-/* Splits at commas, into `most` fields: the last one takes the rest. */
-static void split(struct table *t, char *line, uint32_t most) {
-    t->field_count = 0;
-    while (t->field_count < most) {
-        t->field[t->field_count++] = line;
-        char *comma = t->field_count < most ? strchr(line, ',') : NULL;
-        if (!comma) return;
-        *comma = 0;
-        line = comma + 1;
-    }
+static enum lw_status bad_line(const struct reader *r, const char *why, struct lw_error *err) {
+    return lw_status_fail(err, LW_BAD_DATA, "%s/%s, line %u: %s", r->store->folder, tables[r->kind].name,
+                          r->line, why);
 }
 
-static enum lw_status bad_line(const struct table *t, const char *why, struct lw_error *err) {
-    return lw_status_fail(err, LW_BAD_DATA, "%s/%s, line %u: %s", t->store->folder, t->name, t->line, why);
-}
-
-static enum lw_status skip_head(struct table *t, void (*print)(FILE *), struct lw_error *err) {
-    struct lw_report_text text;
-    char *line;
-    if (!next_line(t, &line)) return LW_OK;
-    enum lw_status status = lw_report_text_begin(&text, t->name, err);
+static enum lw_status skip_head(struct reader *r, struct lw_error *err) {
+    static const struct lw_measure_store empty;
+    char *head, *line;
+    if (!tables[r->kind].has_head || !next_line(r, &line)) return LW_OK;
+    enum lw_status status = print(&empty, r->kind, &head, err);
     if (status != LW_OK) return status;
-    print(text.stream);
-    status = lw_report_text_end(&text, err);
-    if (status != LW_OK) return status;
-    text.bytes[text.size - 1] = 0;
-    const bool same = strcmp(text.bytes, line) == 0;
-    free(text.bytes);
-    return same ? LW_OK : bad_line(t, "other columns than this version writes", err);
+    head[strlen(head) - 1] = 0; /* the line's end */
+    if (strcmp(head, line) != 0) status = bad_line(r, "other columns than this version writes", err);
+    free(head);
+    return status;
 }
 
-static bool read_count(const char *text, uint32_t *out) {
+static bool read_count(const char *text, uint32_t limit, uint32_t *out) {
     char *stop;
     if (*text < '0' || *text > '9') return false;
     errno = 0;
     const unsigned long value = strtoul(text, &stop, 10);
     *out = (uint32_t)value;
-    return !errno && !*stop && value < UINT32_MAX;
+    return !errno && !*stop && value < limit;
 }
 
-static bool read_number(const char *text, double *out) {
-    char *stop;
-    *out = *text ? strtod(text, &stop) : (double)NAN;
-    return !*text || (!*stop && isfinite(*out));
+static bool read_cell(const struct column *c, const char *text, void *at) {
+    double *number = at;
+    char *stop = NULL;
+    if (c->cell <= REST) {
+        snprintf(at, c->limit, "%s", text);
+        return c->cell == REST || strlen(text) < c->limit;
+    }
+    if (c->cell < NUMBER) {
+        const bool all = strcmp(text, "all") == 0, some = strcmp(text, "some") == 0;
+        if (c->cell != VIEW || (!all && !some)) return read_count(text, c->limit, at);
+        *(uint32_t *)at = all ? LW_MEASURE_ALL : LW_MEASURE_SOME;
+        return true;
+    }
+    *number = *text ? strtod(text, &stop) : (double)NAN;
+    return *text ? !*stop && isfinite(*number) : c->cell != KNOWN;
 }
 
-static bool read_unit(char *const *field, struct lw_measure_unit *out) {
-    if (strlen(field[0]) >= sizeof out->renderer || strlen(field[1]) >= sizeof out->setting) return false;
-    snprintf(out->renderer, sizeof out->renderer, "%s", field[0]);
-    snprintf(out->setting, sizeof out->setting, "%s", field[1]);
-    return read_count(field[2], &out->repeat) && out->repeat < LW_MEASURE_REPEATS_MAX;
-}
-
-/* Room for one more in an array. */
-static void *grown_array(void *array, size_t count, size_t size) {
-    if (count & (count - 1)) return array; /* doubled at powers of two */
-    return realloc(array, (count ? 2 * count : 1) * size);
-}
-
-#define PUSH(array, count, value)                                                                            \
-    (grow_into((void **)&(array), (count), sizeof *(array)) && ((array)[(count)++] = (value), true))
-
-static bool grow_into(void **array, size_t count, size_t size) {
-    void *grown = grown_array(*array, count, size);
-    if (grown) *array = grown;
-    return grown != NULL;
-}
-
-/* Each takes a line into the store. LW_BAD_DATA: it is none of the table; LW_NO_MEMORY. */
-
-static enum lw_status take_sample(struct lw_measure_store *s, char *const *field, uint32_t count) {
-    struct lw_measure_sample x;
-    bool good = count == 5 + LW_MEASURE_COIN_COUNT && read_unit(field, &x.unit) &&
-                read_count(field[3], &x.view) && read_count(field[4], &x.frame) && x.view < LW_MEASURE_VIEWS;
-    for (uint32_t c = 0; good && c < LW_MEASURE_COIN_COUNT; c++) good = read_number(field[5 + c], &x.coin[c]);
-    if (!good) return LW_BAD_DATA;
-    return PUSH(s->sample, s->sample_count, x) ? LW_OK : LW_NO_MEMORY;
-}
-
-static bool read_view(const char *text, uint32_t *out) {
-    const bool all = strcmp(text, "all") == 0, some = strcmp(text, "some") == 0;
-    if (!all && !some) return read_count(text, out) && *out < LW_MEASURE_VIEWS;
-    *out = all ? LW_MEASURE_ALL : LW_MEASURE_SOME;
+/* Reads all cells; false: the line is none of the table. */
+static bool read_line(const struct table *t, char *text, char *line) {
+    for (uint32_t c = 0; c < t->column_count; c++) {
+        char *comma = t->column[c].cell == REST ? NULL : strchr(text, ',');
+        if (!comma != (c + 1 == t->column_count)) return false;
+        if (comma) *comma++ = 0;
+        if (!read_cell(&t->column[c], text, line + t->column[c].offset)) return false;
+        text = comma;
+    }
     return true;
 }
 
-static enum lw_status take_expense(struct lw_measure_store *s, char *const *field, uint32_t count) {
-    struct lw_measure_expense x;
-    bool good = count == 7 + LW_STAGE_COUNT + LW_MEASURE_EXTRA_COUNT && read_unit(field, &x.unit) &&
-                read_count(field[3], &x.users) && read_view(field[4], &x.view) &&
-                read_count(field[5], &x.frames) && read_count(field[6], &x.samples);
-    for (uint32_t i = 0; good && i < LW_STAGE_COUNT; i++)
-        good = read_number(field[7 + i], &x.cpu_s[i]) && !isnan(x.cpu_s[i]);
-    for (uint32_t i = 0; good && i < LW_MEASURE_EXTRA_COUNT; i++)
-        good = read_number(field[7 + LW_STAGE_COUNT + i], &x.extra[i]);
-    if (!good) return LW_BAD_DATA;
-    return PUSH(s->expense, s->expense_count, x) ? LW_OK : LW_NO_MEMORY;
-}
-
-static enum lw_status take_late(struct lw_measure_store *s, char *const *field, uint32_t count) {
-    struct lw_measure_late x;
-    if (count != 4 || !read_count(field[0], &x.view) || x.view >= LW_MEASURE_VIEWS ||
-        !read_count(field[1], &x.frame) || !read_count(field[2], &x.late) ||
-        !read_number(field[3], &x.relmse))
-        return LW_BAD_DATA;
-    return PUSH(s->late, s->late_count, x) ? LW_OK : LW_NO_MEMORY;
-}
-
-static enum lw_status take_note(struct lw_measure_store *s, char *const *field, uint32_t count) {
-    struct lw_measure_note x;
-    if (count != 2 || strlen(field[0]) >= sizeof x.key) return LW_BAD_DATA;
-    snprintf(x.key, sizeof x.key, "%s", field[0]);
-    snprintf(x.value, sizeof x.value, "%s", field[1]);
-    return PUSH(s->note, s->note_count, x) ? LW_OK : LW_NO_MEMORY;
-}
-
-static enum lw_status take_failure(struct lw_measure_store *s, char *const *field, uint32_t count) {
-    struct lw_measure_failure x;
-    if (count != 4 || !read_unit(field, &x.unit)) return LW_BAD_DATA;
-    snprintf(x.text, sizeof x.text, "%s", field[3]);
-    return PUSH(s->failure, s->failure_count, x) ? LW_OK : LW_NO_MEMORY;
-}
-
-static void print_late_head(FILE *f) { fprintf(f, "view,frame,late,relmse\n"); }
-
-static const struct kind {
-    const char *name, *fault;   /* file name; text for a bad line */
-    void (*print_head)(FILE *); /* NULL: it has none */
-    uint32_t fields;            /* the last one takes the rest of the line */
-    enum lw_status (*take)(struct lw_measure_store *s, char *const *field, uint32_t count);
-} kinds[] = {{SAMPLES, "not a sample", print_samples_head, FIELDS, take_sample},
-             {COSTS, "not a cost", print_costs_head, FIELDS, take_expense},
-             {LATE, "not an error of late light", print_late_head, FIELDS, take_late},
-             {ROW, "not KEY,VALUE", NULL, 2, take_note},
-             {FAILURES, "not a failure", NULL, 4, take_failure}};
-
-static enum lw_status read_table(struct lw_measure_store *s, const struct kind *kind, bool *out_torn,
+static enum lw_status read_table(struct lw_measure_store *s, enum kind kind, bool *out_torn,
                                  struct lw_error *err) {
-    struct table t = {.store = s, .name = kind->name};
-    char *line;
-    enum lw_status status = load(&t, err);
-    if (status == LW_OK && kind->print_head) status = skip_head(&t, kind->print_head, err);
-    while (status == LW_OK && next_line(&t, &line)) {
-        split(&t, line, kind->fields);
-        status = kind->take(s, t.field, t.field_count);
-        if (status == LW_BAD_DATA)
-            status = bad_line(&t, kind->fault, err);
-        else if (status != LW_OK)
-            status = lw_status_fail(err, status, "no memory for %s", t.name);
+    struct reader r = {.store = s, .kind = kind};
+    char *text;
+    enum lw_status status = load(&r, err);
+    if (status == LW_OK) status = skip_head(&r, err);
+    while (status == LW_OK && next_line(&r, &text)) {
+        void *line = make_room(s, kind);
+        if (!line)
+            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for %s", tables[kind].name);
+        else if (!read_line(&tables[kind], text, line))
+            status = bad_line(&r, tables[kind].fault, err);
+        else
+            keep_line(s, kind);
     }
-    *out_torn |= t.torn;
-    free(t.bytes);
+    *out_torn |= r.torn;
+    free(r.bytes);
     return status;
 }
 
@@ -345,6 +333,22 @@ bool lw_measure_store_has(const struct lw_measure_store *s, const struct lw_meas
         return samples == e->samples;
     }
     return false;
+}
+
+double lw_measure_store_mean(const struct lw_measure_store *s, const struct lw_measure_unit *unit,
+                             uint32_t view, uint32_t frame, enum lw_measure_coin coin) {
+    double sum = 0;
+    uint32_t count = 0;
+    for (const struct lw_measure_sample *x = s->sample; x < s->sample + s->sample_count; x++) {
+        struct lw_measure_unit same = *unit;
+        if (same.repeat == LW_MEASURE_ALL) same.repeat = x->unit.repeat;
+        if (!lw_measure_store_same(&x->unit, &same) || isnan(x->coin[coin])) continue;
+        if ((view != LW_MEASURE_ALL && x->view != view) || (frame != LW_MEASURE_ALL && x->frame != frame))
+            continue;
+        sum += x->coin[coin];
+        count++;
+    }
+    return count ? sum / count : (double)NAN;
 }
 
 /* Takes out what no whole unit holds. Returns whether there was any. */
@@ -366,36 +370,21 @@ static bool drop_incomplete(struct lw_measure_store *s) {
     return dropped;
 }
 
-static enum lw_status write_all(const struct lw_measure_store *s, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, SAMPLES, err);
-    if (status != LW_OK) return status;
-    print_samples_head(text.stream);
-    for (size_t i = 0; i < s->sample_count; i++) print_sample(text.stream, &s->sample[i]);
-    status = lw_report_text_save(&text, s->folder, err);
-    if (status == LW_OK) status = lw_report_text_begin(&text, COSTS, err);
-    if (status != LW_OK) return status;
-    print_costs_head(text.stream);
-    for (size_t i = 0; i < s->expense_count; i++) print_expense(text.stream, &s->expense[i]);
-    return lw_report_text_save(&text, s->folder, err);
-}
-
-static enum lw_status open_to_append(const struct lw_measure_store *s, const char *name, int *out_file,
+static enum lw_status open_to_append(const struct lw_measure_store *s, enum kind kind, int *out_file,
                                      struct lw_error *err) {
     char path[PATH_SIZE];
-    path_of(s, name, path);
+    path_of(s, kind, path);
     *out_file = open(path, O_WRONLY | O_APPEND | O_CLOEXEC);
     if (*out_file < 0) return lw_status_fail(err, LW_CANNOT_CREATE, "%s: %s", path, strerror(errno));
     return LW_OK;
 }
 
-/* Names of tables that hold none of their lines yet are made with their heads. */
-static bool has_tables(const struct lw_measure_store *s) {
-    char samples[PATH_SIZE], costs[PATH_SIZE];
-    struct stat a, b;
-    path_of(s, SAMPLES, samples);
-    path_of(s, COSTS, costs);
-    return stat(samples, &a) == 0 && a.st_size > 0 && stat(costs, &b) == 0 && b.st_size > 0;
+/* A table without lines has a head. */
+static bool has_table(const struct lw_measure_store *s, enum kind kind) {
+    char path[PATH_SIZE];
+    struct stat about;
+    path_of(s, kind, path);
+    return stat(path, &about) == 0 && about.st_size > 0;
 }
 
 enum lw_status lw_measure_store_open(struct lw_measure_store *s, const char *folder, bool read_only,
@@ -408,12 +397,13 @@ enum lw_status lw_measure_store_open(struct lw_measure_store *s, const char *fol
     if (read_only && stat(folder, &about) < 0)
         return lw_status_fail(err, LW_NO_INPUT, "%s: %s", folder, strerror(errno));
     enum lw_status status = read_only ? LW_OK : lw_folders_make(folder, err);
-    for (size_t i = 0; status == LW_OK && i < sizeof kinds / sizeof *kinds; i++)
-        status = read_table(s, &kinds[i], &torn, err);
+    for (enum kind k = 0; status == LW_OK && k < KINDS; k++) status = read_table(s, k, &torn, err);
     if (status != LW_OK) return status;
     const bool dropped = drop_incomplete(s);
     if (read_only) return LW_OK;
-    if (dropped || torn || !has_tables(s)) status = write_all(s, err);
+    const bool whole = !dropped && !torn && has_table(s, SAMPLES) && has_table(s, COSTS);
+    if (!whole) status = save_table(s, SAMPLES, err);
+    if (!whole && status == LW_OK) status = save_table(s, COSTS, err);
     if (status == LW_OK) status = open_to_append(s, SAMPLES, &s->samples_file, err);
     if (status == LW_OK) status = open_to_append(s, COSTS, &s->costs_file, err);
     return status;
@@ -432,81 +422,80 @@ void lw_measure_store_finish(struct lw_measure_store *s) {
 
 /* ---- appending ---- */
 
-static enum lw_status write_text(const struct lw_measure_store *s, int file, const char *name,
-                                 const struct lw_report_text *text, struct lw_error *err) {
-    for (size_t done = 0; done < text->size;) {
-        const ssize_t wrote = write(file, text->bytes + done, text->size - done);
+static bool write_text(int file, const char *text) {
+    while (*text) {
+        const ssize_t wrote = write(file, text, strlen(text));
         if (wrote < 0 && errno == EINTR) continue;
-        if (wrote <= 0)
-            return lw_status_fail(err, LW_IO, "%s/%s: cannot write: %s", s->folder, name, strerror(errno));
-        done += (size_t)wrote;
+        if (wrote <= 0) return false;
+        text += wrote;
     }
-    /* a device or a pipe has nothing to flush */
-    if (fsync(file) < 0 && errno != EINVAL)
-        return lw_status_fail(err, LW_IO, "%s/%s: cannot write: %s", s->folder, name, strerror(errno));
-    return LW_OK;
+    return fsync(file) == 0 || errno == EINVAL; /* a device or a pipe has nothing to flush */
 }
 
-static enum lw_status append(const struct lw_measure_store *s, const struct lw_report_text *samples,
-                             const struct lw_report_text *costs, struct lw_error *err) {
-    struct stat before_samples, before_costs;
-    if (fstat(s->samples_file, &before_samples) < 0 || fstat(s->costs_file, &before_costs) < 0)
-        return lw_status_fail(err, LW_IO, "%s: %s", s->folder, strerror(errno));
-    enum lw_status status = write_text(s, s->samples_file, SAMPLES, samples, err);
-    if (status == LW_OK) status = write_text(s, s->costs_file, COSTS, costs, err);
+/* The lines of `more`, without the head. */
+static enum lw_status append_table(const struct lw_measure_store *more, int file, enum kind kind,
+                                   struct lw_error *err) {
+    char *text;
+    enum lw_status status = print(more, kind, &text, err);
+    if (status != LW_OK) return status;
+    if (!write_text(file, strchr(text, '\n') + 1))
+        status = lw_status_fail(err, LW_IO, "%s/%s: cannot write: %s", more->folder, tables[kind].name,
+                                strerror(errno));
+    free(text);
+    return status;
+}
+
+static enum lw_status append(const struct lw_measure_store *more, struct lw_error *err) {
+    struct stat samples, costs;
+    if (fstat(more->samples_file, &samples) < 0 || fstat(more->costs_file, &costs) < 0)
+        return lw_status_fail(err, LW_IO, "%s: %s", more->folder, strerror(errno));
+    enum lw_status status = append_table(more, more->samples_file, SAMPLES, err);
+    if (status == LW_OK) status = append_table(more, more->costs_file, COSTS, err);
     if (status == LW_OK) return LW_OK;
     /* what remains all the same is found when the row is opened again */
-    if (ftruncate(s->samples_file, before_samples.st_size) < 0) return status;
-    if (ftruncate(s->costs_file, before_costs.st_size) < 0) return status;
+    if (ftruncate(more->samples_file, samples.st_size) < 0) return status;
+    if (ftruncate(more->costs_file, costs.st_size) < 0) return status;
     return status;
 }
 
 enum lw_status lw_measure_store_append(struct lw_measure_store *s, const struct lw_measure_sample *sample,
                                        size_t sample_count, const struct lw_measure_expense *expense,
                                        size_t expense_count, struct lw_error *err) {
-    struct lw_report_text samples, costs;
-    enum lw_status status = lw_report_text_begin(&samples, SAMPLES, err);
-    if (status != LW_OK) return status;
-    for (size_t i = 0; i < sample_count; i++) print_sample(samples.stream, &sample[i]);
-    if ((status = lw_report_text_end(&samples, err)) != LW_OK) return status;
-    status = lw_report_text_begin(&costs, COSTS, err);
-    if (status == LW_OK) {
-        for (size_t i = 0; i < expense_count; i++) print_expense(costs.stream, &expense[i]);
-        status = lw_report_text_end(&costs, err);
-    }
-    if (status == LW_OK) {
-        status = append(s, &samples, &costs, err);
-        free(costs.bytes);
-    }
-    free(samples.bytes);
-    bool room = true;
-    for (size_t i = 0; status == LW_OK && room && i < sample_count; i++)
-        room = PUSH(s->sample, s->sample_count, sample[i]);
-    for (size_t i = 0; status == LW_OK && room && i < expense_count; i++)
-        room = PUSH(s->expense, s->expense_count, expense[i]);
-    return room ? status : lw_status_fail(err, LW_NO_MEMORY, "no memory for what was measured");
+    const size_t samples = s->sample_count, expenses = s->expense_count;
+    enum lw_status status = LW_OK;
+    for (size_t i = 0; status == LW_OK && i < sample_count; i++)
+        status = add_line(s, SAMPLES, &sample[i], err);
+    for (size_t i = 0; status == LW_OK && i < expense_count; i++)
+        status = add_line(s, COSTS, &expense[i], err);
+    struct lw_measure_store more = *s; /* the new lines */
+    if (samples) more.sample += samples;
+    if (expenses) more.expense += expenses;
+    more.sample_count -= samples;
+    more.expense_count -= expenses;
+    if (status == LW_OK) status = append(&more, err);
+    if (status == LW_OK) return LW_OK;
+    s->sample_count = samples;
+    s->expense_count = expenses;
+    return status;
 }
 
 enum lw_status lw_measure_store_set_late(struct lw_measure_store *s, const struct lw_measure_late *late,
                                          size_t count, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, LATE, err);
-    if (status != LW_OK) return status;
-    print_late_head(text.stream);
-    for (size_t i = 0; i < count; i++)
-        fprintf(text.stream, "%u,%u,%u,%.9g\n", late[i].view, late[i].frame, late[i].late, late[i].relmse);
-    status = lw_report_text_save(&text, s->folder, err);
+    enum lw_status status = LW_OK;
     s->late_count = 0;
-    for (size_t i = 0; status == LW_OK && i < count; i++)
-        if (!PUSH(s->late, s->late_count, late[i]))
-            status = lw_status_fail(err, LW_NO_MEMORY, "no memory for " LATE);
-    return status;
+    for (size_t i = 0; status == LW_OK && i < count; i++) status = add_line(s, LATE, &late[i], err);
+    return status == LW_OK ? save_table(s, LATE, err) : status;
 }
 
 const char *lw_measure_store_get(const struct lw_measure_store *s, const char *key) {
     for (size_t i = 0; i < s->note_count; i++)
         if (strcmp(s->note[i].key, key) == 0) return s->note[i].value;
     return NULL;
+}
+
+const char *lw_measure_store_note(const struct lw_measure_store *s, const char *key, const char *otherwise) {
+    const char *value = lw_measure_store_get(s, key);
+    return value && *value ? value : otherwise;
 }
 
 bool lw_measure_store_lists(const char *list, const char *entry) {
@@ -522,7 +511,6 @@ bool lw_measure_store_lists(const char *list, const char *entry) {
 enum lw_status lw_measure_store_set(struct lw_measure_store *s, const char *key, const char *value,
                                     struct lw_error *err) {
     struct lw_measure_note note = {.key = ""};
-    struct lw_report_text text;
     size_t at = 0;
     while (at < s->note_count && strcmp(s->note[at].key, key) != 0) at++;
     snprintf(note.key, sizeof note.key, "%s", key);
@@ -531,14 +519,10 @@ enum lw_status lw_measure_store_set(struct lw_measure_store *s, const char *key,
     if (at < s->note_count) {
         if (strcmp(s->note[at].value, note.value) == 0) return LW_OK;
         s->note[at] = note;
-    } else if (!PUSH(s->note, s->note_count, note)) {
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory for " ROW);
+        return save_table(s, ROW, err);
     }
-    enum lw_status status = lw_report_text_begin(&text, ROW, err);
-    if (status != LW_OK) return status;
-    for (size_t i = 0; i < s->note_count; i++)
-        fprintf(text.stream, "%s,%s\n", s->note[i].key, s->note[i].value);
-    return lw_report_text_save(&text, s->folder, err);
+    const enum lw_status status = add_line(s, ROW, &note, err);
+    return status == LW_OK ? save_table(s, ROW, err) : status;
 }
 
 enum lw_status lw_measure_store_fail(struct lw_measure_store *s, const struct lw_measure_unit *unit,
@@ -550,18 +534,10 @@ enum lw_status lw_measure_store_fail(struct lw_measure_store *s, const struct lw
     s->failure_count = kept;
     if (!why && kept == before) return LW_OK;
     struct lw_measure_failure failure = {.unit = *unit};
-    struct lw_report_text text;
     snprintf(failure.text, sizeof failure.text, "%s", why ? why : "");
     lw_status_one_line(failure.text);
-    if (why && !PUSH(s->failure, s->failure_count, failure))
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory for " FAILURES);
-    enum lw_status status = lw_report_text_begin(&text, FAILURES, err);
-    if (status != LW_OK) return status;
-    for (size_t i = 0; i < s->failure_count; i++) {
-        print_unit(text.stream, &s->failure[i].unit);
-        fprintf(text.stream, ",%s\n", s->failure[i].text);
-    }
-    return lw_report_text_save(&text, s->folder, err);
+    const enum lw_status status = why ? add_line(s, FAILURES, &failure, err) : LW_OK;
+    return status == LW_OK ? save_table(s, FAILURES, err) : status;
 }
 
 void lw_measure_store_picture_path(const char *folder, const char *kind, const struct lw_measure_unit *unit,

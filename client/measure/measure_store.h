@@ -101,6 +101,10 @@ double lw_measure_store_total(const struct lw_measure_expense *expense);
 /** Cost of a frame, by stage, with bytes and rays where they are known. */
 struct lw_cost lw_measure_store_cost(const struct lw_measure_expense *expense);
 
+/* Light that is a second late must be off by this multiple of the error asked for. Else nothing tests
+ * motion. */
+#define LW_MEASURE_GATE_TIMES 3.0
+
 struct lw_measure_late {
     uint32_t view, frame, late;
     double relmse;
@@ -136,6 +140,11 @@ void lw_measure_store_finish(struct lw_measure_store *store);
 
 bool lw_measure_store_has(const struct lw_measure_store *store, const struct lw_measure_unit *unit);
 
+/** Mean error of a renderer at a setting. unit->repeat, view, frame: LW_MEASURE_ALL stands for any. NAN: not
+ * known. */
+double lw_measure_store_mean(const struct lw_measure_store *store, const struct lw_measure_unit *unit,
+                             uint32_t view, uint32_t frame, enum lw_measure_coin coin);
+
 /** Adds a unit. Its last expense is the sum of the others. On failure the files are as before.
  * Errors: LW_IO naming the file; LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_measure_store_append(struct lw_measure_store *store,
@@ -155,6 +164,9 @@ LW_MUST_CHECK enum lw_status lw_measure_store_set(struct lw_measure_store *store
                                                   const char *value, struct lw_error *err);
 /** NULL: not set. */
 const char *lw_measure_store_get(const struct lw_measure_store *store, const char *key);
+/** The same for sentences: `otherwise` where it is not set or empty. */
+const char *lw_measure_store_note(const struct lw_measure_store *store, const char *key,
+                                  const char *otherwise);
 /** Whether a list, with "; " between entries, has this entry. */
 bool lw_measure_store_lists(const char *list, const char *entry);
 

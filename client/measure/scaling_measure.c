@@ -21,30 +21,21 @@
 
 /* ---- before ---- */
 
-static enum lw_status set_views(struct lw_scaling *x, struct lw_error *err) {
+static enum lw_status set_views(struct lw_scaling *x, const struct lw_trace *trace, struct lw_error *err) {
     const struct lw_scaling_options *o = &x->options;
-    struct lw_pose pose;
-    struct lw_trace *trace = NULL;
-    if (lw_pose_init(&pose, x->base.densities.scene) != LW_OK)
-        return lw_status_fail(err, LW_NO_MEMORY, "no memory for the scene's pose");
-    enum lw_status status = lw_trace_create(x->base.densities.scene, &pose, &trace, err);
-    if (status == LW_OK)
-        status =
-            lw_views_create(&(struct lw_views_desc){.scene = x->base.densities.scene,
-                                                    .trace = trace,
-                                                    .kind = o->views,
-                                                    .users = o->users[o->user_counts - 1],
-                                                    .spread = (float)o->spread,
-                                                    .seed = o->base.seed,
-                                                    .aspect = (float)o->base.width / (float)o->base.height},
-                            &x->views, err);
-    lw_trace_destroy(trace);
-    lw_pose_finish(&pose);
-    return status;
+    const struct lw_views_desc desc = {.scene = x->base.densities.scene,
+                                       .trace = trace,
+                                       .kind = o->views,
+                                       .users = o->users[o->user_counts - 1],
+                                       .spread = (float)o->spread,
+                                       .seed = o->base.seed,
+                                       .aspect = (float)o->base.width / (float)o->base.height};
+    return lw_views_create(&desc, &x->views, err);
 }
 
 static void lay_out(struct lw_scaling *x) {
     const uint32_t most = x->options.users[x->options.user_counts - 1];
+    x->still = x->options.base.motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
     x->warm_frames = WARM_S * LW_VIEWS_HZ;
     x->frames = (uint64_t)fmax(LW_SCALING_PICTURES, round(x->options.base.seconds * LW_VIEWS_HZ));
     for (uint32_t p = 0; p < LW_SCALING_PICTURES; p++)
@@ -121,23 +112,36 @@ static double mean_lag(const struct lw_scaling *x, const double lag[LW_SCALING_P
     return sum / (LW_SCALING_PICTURES * x->eyes - x->dark_count);
 }
 
-static enum lw_status find_references(struct lw_scaling *x, struct lw_error *err) {
-    struct lw_path_world world;
+static enum lw_status find_references(struct lw_scaling *x, struct lw_path_world *world,
+                                      struct lw_error *err) {
     struct lw_progress progress;
     double lag[LW_SCALING_PICTURES][LW_SCALING_EYES] = {{0}};
-    x->lag_error = (double)NAN;
     const bool moves = x->options.base.motion != LW_SCENE_MOTION_STATIC;
-    enum lw_status status = lw_path_world_init(&world, x->base.densities.scene, x->options.base.bounces,
-                                               (unsigned)x->options.base.scene.threads, err);
-    if (status != LW_OK) return status;
+    enum lw_status status = LW_OK;
+    x->lag_error = (double)NAN;
     lw_progress_init(&progress, "tracing the reference", LW_SCALING_PICTURES * x->eyes * (moves ? 2 : 1));
     for (uint32_t p = 0; p < LW_SCALING_PICTURES && status == LW_OK; p++)
-        status = find_reference(x, &world, p, lag[p], &progress, err);
+        status = find_reference(x, world, p, lag[p], &progress, err);
     lw_progress_end(&progress, status == LW_OK);
-    lw_path_world_finish(&world);
-    if (status != LW_OK) return status;
-    status = leave_out_dark(x, err);
+    if (status == LW_OK) status = leave_out_dark(x, err);
     if (status == LW_OK) x->lag_error = mean_lag(x, lag);
+    return status;
+}
+
+/* Views and references, from one scene for rays. */
+static enum lw_status look_around(struct lw_scaling *x, struct lw_error *err) {
+    const struct lw_measure_options *o = &x->options.base;
+    struct lw_path_world world;
+    enum lw_status status =
+        lw_path_world_init(&world, x->base.densities.scene, o->bounces, (unsigned)o->scene.threads, err);
+    if (status == LW_OK) status = set_views(x, world.trace, err);
+    if (status == LW_OK) {
+        lay_out(x);
+        lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->scene.path,
+               (unsigned long long)x->base.densities.triangles, lw_views_about(x->views));
+        status = find_references(x, &world, err);
+    }
+    lw_path_world_finish(&world);
     return status;
 }
 
@@ -276,13 +280,7 @@ static enum lw_status measure(struct lw_scaling *x, const char *command, struct 
     const struct lw_scaling_options *o = &x->options;
     enum lw_status status = bind(x, err);
     if (status == LW_OK) status = lw_measure_row_open_scene(&x->base, command, err);
-    if (status == LW_OK) status = set_views(x, err);
-    if (status != LW_OK) return status;
-    lay_out(x);
-    x->still = o->base.motion == LW_SCENE_MOTION_STATIC && lw_views_rest(x->views);
-    lw_log(LW_LOG_INFO, "%s: %llu triangles, %s", o->base.scene.path,
-           (unsigned long long)x->base.densities.triangles, lw_views_about(x->views));
-    status = find_references(x, err);
+    if (status == LW_OK) status = look_around(x, err);
     if (status == LW_OK) status = set_sides(x, err);
     if (status == LW_OK) status = lw_scaling_search(x, err);
     if (status == LW_OK) status = lw_scaling_users(x, err);

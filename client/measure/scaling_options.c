@@ -1,7 +1,6 @@
 #include "client/measure/scaling_options.h"
 
 #include <errno.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 

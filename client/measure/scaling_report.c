@@ -1,7 +1,6 @@
 #include "client/measure/scaling_report.h"
 
-#include "client/measure/gnuplot.h"
-#include "client/measure/report_text.h"
+#include "client/measure/report.h"
 #include "client/measure/scaling_run.h"
 
 #include <jansson.h>
@@ -10,23 +9,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LAG_TIMES 3.0 /* the error asked for: at least so much must light be off that is late */
+#define COUNT(array) (sizeof(array) / sizeof *(array))
 
 /* ---- words ---- */
 
-static void print_figure(FILE *f, const struct lw_scaling_figure *figure) {
-    if (!isfinite(figure->mean))
-        fprintf(f, "none");
-    else if (figure->half > 0)
-        fprintf(f, "%.3g ± %.2g", figure->mean, figure->half);
-    else
-        fprintf(f, "%.3g", figure->mean);
+static struct lw_report_words figure(const struct lw_scaling_figure *figure) {
+    struct lw_report_words words = {"none"};
+    if (isfinite(figure->mean))
+        snprintf(words.text, sizeof words.text, figure->half > 0 ? "%.3g ± %.2g" : "%.3g", figure->mean,
+                 figure->half);
+    return words;
 }
+
+static const char *plural(uint32_t count) { return count > 1 ? "s" : ""; }
 
 /* A note of the folder. */
 static const char *get(const struct lw_scaling *x, const char *key) {
-    const char *value = lw_measure_store_get(&x->base.store, key);
-    return value ? value : "?";
+    return lw_measure_store_note(&x->base.store, key, "?");
 }
 
 static double mean_noise(const struct lw_scaling *x) {
@@ -55,39 +54,33 @@ static double paths_error_at(const struct lw_scaling_side *paths, double cost_s)
 
 /* ---- tables ---- */
 
-static enum lw_status write_users_csv(const struct lw_scaling *x, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, "scaling.csv", err);
-    if (status != LW_OK) return status;
-    fprintf(text.stream, "users,repeat,paths_cpu_s_per_frame,shared_cpu_s_per_frame,ratio");
+static void print_users_csv(struct lw_report *out, const void *context) {
+    const struct lw_scaling *x = context;
+    fprintf(out->f, "users,repeat,paths_cpu_s_per_frame,shared_cpu_s_per_frame,ratio");
     for (int s = 0; s < LW_STAGE_COUNT; s++)
-        fprintf(text.stream, ",mean %s cpu_s", lw_stage_name((enum lw_stage)s));
-    fprintf(text.stream, ",mean bytes\n");
+        fprintf(out->f, ",mean %s cpu_s", lw_stage_name((enum lw_stage)s));
+    fprintf(out->f, ",mean bytes\n");
     for (uint32_t c = 0; c < x->count_done; c++)
         for (uint32_t i = 0; i < x->repeats_done; i++) {
             const struct lw_scaling_count *count = &x->count[c];
             double paths = count->cost_s[LW_SCALING_PATHS][i], shared = count->cost_s[LW_SCALING_SHARED][i];
-            fprintf(text.stream, "%u,%u,%.6g,%.6g,%.6g", count->users, i + 1, paths, shared, shared / paths);
-            for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(text.stream, ",%.6g", count->cost.cpu_s[s]);
-            fprintf(text.stream, ",%.6g\n", count->cost.bytes);
+            fprintf(out->f, "%u,%u,%.6g,%.6g,%.6g", count->users, i + 1, paths, shared, shared / paths);
+            for (int s = 0; s < LW_STAGE_COUNT; s++) fprintf(out->f, ",%.6g", count->cost.cpu_s[s]);
+            fprintf(out->f, ",%.6g\n", count->cost.bytes);
         }
-    return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
-static enum lw_status write_points_csv(const struct lw_scaling *x, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, "settings.csv", err);
-    if (status != LW_OK) return status;
-    fprintf(text.stream,
+static void print_points_csv(struct lw_report *out, const void *context) {
+    const struct lw_scaling *x = context;
+    fprintf(out->f,
             "side,samples,density,direct_samples,indirect_samples,target_error,relmse,cpu_s_per_frame\n");
     for (int s = 0; s < LW_SCALING_SIDES; s++)
         for (uint32_t i = 0; i < x->side[s].point_count; i++) {
             const struct lw_scaling_point *p = &x->side[s].point[i];
-            fprintf(text.stream, "%s,%u,%g,%u,%u,%g,%.6g,%.6g\n", s == LW_SCALING_PATHS ? "paths" : "shared",
+            fprintf(out->f, "%s,%u,%g,%u,%u,%g,%.6g,%.6g\n", s == LW_SCALING_PATHS ? "paths" : "shared",
                     p->setting.samples, p->setting.density, p->setting.direct_samples,
                     p->setting.indirect_samples, p->setting.target_error, p->error, lw_cost_total(&p->cost));
         }
-    return lw_report_text_save(&text, x->options.base.folder, err);
 }
 
 static json_t *json_figure(const struct lw_scaling_figure *f) {
@@ -117,6 +110,8 @@ static json_t *json_side(const struct lw_scaling_side *side) {
                                                 lw_cost_total(&side->point[i].cost)));
     return json_pack("{s:s, s:o}", "name", side->name, "points", points);
 }
+
+static void print_json(struct lw_report *out, const void *context) { fputs(context, out->f); }
 
 static enum lw_status write_json(const struct lw_scaling *x, struct lw_error *err) {
     json_t *counts = json_array(), *targets = json_array();
@@ -152,9 +147,9 @@ static enum lw_status write_json(const struct lw_scaling *x, struct lw_error *er
         json_figure(&x->crossover));
     char *text =
         root ? json_dumps(root, JSON_INDENT(1) | JSON_PRESERVE_ORDER | JSON_REAL_PRECISION(8)) : NULL;
-    enum lw_status status =
-        text ? lw_report_text_write(x->options.base.folder, "scaling.json", text, strlen(text), err)
-             : lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.json");
+    const struct lw_report_file file = {"scaling.json", print_json};
+    enum lw_status status = text ? lw_report_save(x->options.base.folder, &file, 1, text, err)
+                                 : lw_status_fail(err, LW_NO_MEMORY, "no memory for scaling.json");
     free(text);
     json_decref(root);
     return status;
@@ -162,30 +157,30 @@ static enum lw_status write_json(const struct lw_scaling *x, struct lw_error *er
 
 /* ---- the report ---- */
 
-static void print_head(const struct lw_scaling *x, FILE *f) {
-    fprintf(f, "# Scaling run: %s\n\n    %s\n\n", x->options.base.scene.path, get(x, "command"));
-    fprintf(f, "%s, %s.\n\n", get(x, "machine"), get(x, "day"));
-    fprintf(f, "%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. ",
-            (unsigned long long)x->base.densities.triangles, x->base.densities.texels_per_metre,
-            x->options.base.bounces);
-    fprintf(f, "Motion: %s", lw_scene_motion_name(x->options.base.motion));
-    if (x->base.densities.report.light)
-        fprintf(f, "; light \"%s\" was set moving, since none did", x->base.densities.report.light);
-    if (x->base.densities.report.object)
-        fprintf(f, "; object \"%s\" was set moving, since none did", x->base.densities.report.object);
-    fprintf(f, ". Views: %s, spread %g, %u × %u pixels.\n\n", x->views ? lw_views_about(x->views) : "none",
-            x->options.spread, x->options.base.width, x->options.base.height);
+static void print_head(struct lw_report *out, const struct lw_scaling *x) {
+    const struct lw_measure_options *o = &x->options.base;
+    const struct lw_scene_motion_report *moves = &x->base.densities.report;
+    fprintf(out->f, "# Scaling run: %s\n\n", o->scene.path);
+    lw_report_origin(out, get(x, "command"), get(x, "machine"), get(x, "day"));
     fprintf(
-        f,
+        out->f,
+        "\n\n%llu triangles, %.3g lightmap texels per metre at density ×1, %u indirect bounces. Motion: %s",
+        (unsigned long long)x->base.densities.triangles, x->base.densities.texels_per_metre, o->bounces,
+        lw_scene_motion_name(o->motion));
+    if (moves->light) fprintf(out->f, "; light \"%s\" was set moving, since none did", moves->light);
+    if (moves->object) fprintf(out->f, "; object \"%s\" was set moving, since none did", moves->object);
+    lw_report_paragraph(out, ". Views: %s, spread %g, %u × %u pixels.",
+                        x->views ? lw_views_about(x->views) : "none", x->options.spread, o->width, o->height);
+    lw_report_paragraph(
+        out,
         "Cost is CPU time per frame of 1/30 s, of all threads and processes of a side; error is relMSE "
-        "against paths "
-        "traced to convergence, at one pixel in %u of %u frames and %u user%s (the reference's own noise, "
-        "%.2g, is taken out: "
-        "`client/measure/figures/reference.h`). Opponent: %s (%s). The lightmaps are %s.%s\n\n",
-        x->stride * x->stride, LW_SCALING_PICTURES, x->eyes, x->eyes > 1 ? "s" : "", mean_noise(x),
+        "against paths traced to convergence, at one pixel in %u of %u frames and %u user%s (the reference's "
+        "own noise, %.2g, is taken out: `client/measure/figures/reference.h`). Opponent: %s (%s). The "
+        "lightmaps are %s.%s",
+        x->stride * x->stride, LW_SCALING_PICTURES, x->eyes, plural(x->eyes), mean_noise(x),
         lw_path_renderer_name(x->options.opponent), lw_path_renderer_about(x->options.opponent),
         x->options.denoise ? "filtered" : "not filtered",
-        x->options.base.motion == LW_SCENE_MOTION_STATIC
+        o->motion == LW_SCENE_MOTION_STATIC
             ? " Nothing moves in the scene: what the cache spends at the start is spread over all frames."
             : " The first second is not measured.");
 }
@@ -197,9 +192,9 @@ static void print_lag(const struct lw_scaling *x, FILE *f) {
             " Light that is a second late has relMSE %.3g in these views (where they show the same at both "
             "moments, and nothing that shines).",
             x->lag_error);
-    if (x->lag_error < LAG_TIMES * x->target[0].error)
+    if (x->lag_error < LW_MEASURE_GATE_TIMES * x->target[0].error)
         fprintf(f, " **That is under %g times the error asked for: this run does not test motion.**",
-                LAG_TIMES);
+                LW_MEASURE_GATE_TIMES);
 }
 
 /* Spread of an error over views, without that of random numbers. */
@@ -235,44 +230,34 @@ static void print_errors(const struct lw_scaling *x, FILE *f) {
     fprintf(f, ".");
 }
 
-static void print_result(const struct lw_scaling *x, FILE *f) {
-    if (x->shortfall) fprintf(f, "**No figures for counts of users: %s.**\n\n", x->shortfall);
-    if (!x->repeats_done) return;
-    char setting[2][160];
-    for (int s = 0; s < LW_SCALING_SIDES; s++)
-        lw_scaling_run_describe(&x->side[s], &x->chosen[s], setting[s], sizeof setting[s]);
-    fprintf(f, "## Result\n\n");
+static void print_chosen(struct lw_report *out, const struct lw_scaling *x) {
     if (x->options.fixed_samples)
-        fprintf(f, "At given settings: ");
+        fprintf(out->f, "At given settings: ");
     else
-        fprintf(f, "At relMSE %.3g: ", x->target[0].error);
-    fprintf(f, "%s (relMSE %.3g) against %s (relMSE %.3g), over the same %u views.", setting[0],
-            x->chosen_error[0], setting[1], x->chosen_error[1],
+        fprintf(out->f, "At relMSE %.3g: ", x->target[0].error);
+    fprintf(out->f, "%s (relMSE %.3g) against %s (relMSE %.3g), over the same %u views.",
+            lw_scaling_run_describe(&x->side[0], &x->chosen[0]).text, x->chosen_error[0],
+            lw_scaling_run_describe(&x->side[1], &x->chosen[1]).text, x->chosen_error[1],
             LW_SCALING_PICTURES * x->eyes - x->dark_count);
-    if (x->dark_count) fprintf(f, " %u more show next to nothing, and are not judged.", x->dark_count);
-    print_spread(x, f);
-    print_errors(x, f);
-    print_lag(x, f);
-    fprintf(f, "\n\n");
-    fprintf(f, "* one shared solve over path tracers, %u user%s: **r = ", x->count[0].users,
-            x->count[0].users > 1 ? "s" : "");
-    print_figure(f, &x->first_ratio);
-    fprintf(f, "**\n");
+    if (x->dark_count) fprintf(out->f, " %u more show next to nothing, and are not judged.", x->dark_count);
+    print_spread(x, out->f);
+    print_errors(x, out->f);
+    print_lag(x, out->f);
+    fprintf(out->f, "\n\n");
+}
+
+static void print_ratios(const struct lw_scaling *x, FILE *f) {
+    const double crossover = x->crossover.mean;
+    fprintf(f, "* one shared solve over path tracers, %u user%s: **r = %s**\n", x->count[0].users,
+            plural(x->count[0].users), figure(&x->first_ratio).text);
     if (x->options.user_counts > 1) {
-        fprintf(f, "* one more user over one more path tracer: **m = ");
-        print_figure(f, &x->marginal);
-        fprintf(f, "**\n");
-        if (!isfinite(x->crossover.mean))
-            fprintf(f,
-                    "* sharing is **never** cheaper: another user costs as much as a path tracer, or more\n");
-        else if (x->crossover.mean < 1)
-            fprintf(f, "* sharing is cheaper from the **first** user on (the lines cross at ");
-        else
-            fprintf(f, "* sharing is cheaper from more than **");
-        if (isfinite(x->crossover.mean)) {
-            print_figure(f, &x->crossover);
-            fprintf(f, x->crossover.mean < 1 ? ")\n" : "** users on\n");
-        }
+        fprintf(f, "* one more user over one more path tracer: **m = %s**\n", figure(&x->marginal).text);
+        fprintf(f,
+                !isfinite(crossover)
+                    ? "* sharing is **never** cheaper: another user costs as much as a path tracer, or more\n"
+                : crossover < 1 ? "* sharing is cheaper from the **first** user on (the lines cross at %s)\n"
+                                : "* sharing is cheaper from more than **%s** users on\n",
+                figure(&x->crossover).text);
     }
     if (x->whole_done)
         fprintf(
@@ -285,169 +270,165 @@ static void print_result(const struct lw_scaling *x, FILE *f) {
     if (x->repeats_done < x->options.base.repeats)
         fprintf(f, " Interrupted: there were to be %u.", x->options.base.repeats);
     fprintf(f, "\n\n");
-    fprintf(f, "| users | path tracers, CPU s | shared, CPU s | ratio |\n|---|---|---|---|\n");
+}
+
+static void print_result(struct lw_report *out, const struct lw_scaling *x) {
+    if (x->shortfall) lw_report_paragraph(out, "**No figures for counts of users: %s.**", x->shortfall);
+    if (!x->repeats_done) return;
+    lw_report_section(out, "Result", NULL);
+    print_chosen(out, x);
+    print_ratios(x, out->f);
+    lw_report_head(out, "users | path tracers, CPU s | shared, CPU s | ratio");
     for (uint32_t c = 0; c < x->count_done; c++) {
         double cost[LW_SCALING_SIDES] = {0};
         for (int s = 0; s < LW_SCALING_SIDES; s++)
             for (uint32_t i = 0; i < x->repeats_done; i++)
                 cost[s] += x->count[c].cost_s[s][i] / x->repeats_done;
-        fprintf(f, "| %u | %.3g | %.3g | ", x->count[c].users, cost[0], cost[1]);
-        print_figure(f, &x->count[c].ratio);
-        fprintf(f, " |\n");
+        lw_report_row(out, "%u | %.3g | %.3g | %s", x->count[c].users, cost[0], cost[1],
+                      figure(&x->count[c].ratio).text);
     }
-    fprintf(f, "\n![CPU time over users](cost.png)\n\n");
+    lw_report_paragraph(out, "\n![CPU time over users](cost.png)");
 }
 
 /* With one user and with all of them; one column if that is the same. */
-static void print_stages(const struct lw_scaling *x, FILE *f) {
+static void print_stages(struct lw_report *out, const struct lw_scaling *x) {
     if (!x->repeats_done || x->side[LW_SCALING_SHARED].traces) return;
     const struct lw_scaling_count *last = &x->count[x->count_done - 1], *column[2] = {&x->count[0], last};
     const int columns = x->count_done > 1 ? 2 : 1;
-    fprintf(f, "## Where the shared side's time goes\n\nCPU ms per frame.\n\n| stage |");
+    lw_report_section(out, "Where the shared side's time goes", "CPU ms per frame.");
+    lw_report_cell(out, "stage");
     for (int i = 0; i < columns; i++)
-        fprintf(f, " %u user%s |", column[i]->users, column[i]->users > 1 ? "s" : "");
-    lw_report_text_rule(f, 1 + (uint32_t)columns);
+        lw_report_cell(out, "%u user%s", column[i]->users, plural(column[i]->users));
+    lw_report_head(out, NULL);
     for (int s = 0; s < LW_STAGE_COUNT; s++) {
         if (!(x->count[0].cost.cpu_s[s] > 0 || last->cost.cpu_s[s] > 0)) continue;
-        fprintf(f, "| %s |", lw_stage_name((enum lw_stage)s));
-        for (int i = 0; i < columns; i++) fprintf(f, " %.3g |", 1e3 * column[i]->cost.cpu_s[s]);
-        fprintf(f, "\n");
+        lw_report_cell(out, "%s", lw_stage_name((enum lw_stage)s));
+        for (int i = 0; i < columns; i++) lw_report_cell(out, "%.3g", 1e3 * column[i]->cost.cpu_s[s]);
+        lw_report_end_row(out);
     }
-    fprintf(f, "\n%.3g Mbit/s per user at 30 frames a second; %.3g M rays per frame.\n\n",
-            8e-6 * LW_VIEWS_HZ * last->cost.bytes / last->users, 1e-6 * last->cost.rays);
+    lw_report_paragraph(out, "\n%.3g Mbit/s per user at 30 frames a second; %.3g M rays per frame.",
+                        8e-6 * LW_VIEWS_HZ * last->cost.bytes / last->users, 1e-6 * last->cost.rays);
 }
 
-static void print_real(const struct lw_scaling *x, FILE *f) {
+static void print_real(struct lw_report *out, const struct lw_scaling *x) {
     const struct lw_scaling_real *r = &x->real;
+    const uint32_t samples = x->chosen[LW_SCALING_PATHS].samples;
     if (!r->done) return;
-    fprintf(
-        f,
-        "## By the wall clock\n\nThe same with scene time as wall time, server and %u client%s on this "
-        "machine: %.3g "
-        "frames a second solved with %.3g CPU s per second, %.3g views a second composed, light %.0f ms "
-        "old. relMSE against the reference of the moment at which a picture was ready: %.3g; %u path%s per "
-        "pixel, "
-        "unfiltered and without any lag, have %.3g there. These are other views than above, seconds "
-        "later.\n\n",
-        r->users, r->users > 1 ? "s" : "", r->frames_hz, r->server_cpu_s, r->views_hz, 1e3 * r->light_age_s,
-        r->error, x->chosen[LW_SCALING_PATHS].samples, x->chosen[LW_SCALING_PATHS].samples > 1 ? "s" : "",
-        r->paths_error);
+    lw_report_section(out, "By the wall clock", NULL);
+    lw_report_paragraph(
+        out,
+        "The same with scene time as wall time, server and %u client%s on this machine: %.3g frames a second "
+        "solved with %.3g CPU s per second, %.3g views a second composed, light %.0f ms old. relMSE against "
+        "the reference of the moment at which a picture was ready: %.3g; %u path%s per pixel, unfiltered and "
+        "without any lag, have %.3g there. These are other views than above, seconds later.",
+        r->users, plural(r->users), r->frames_hz, r->server_cpu_s, r->views_hz, 1e3 * r->light_age_s,
+        r->error, samples, plural(samples), r->paths_error);
 }
 
-static void print_targets(const struct lw_scaling *x, FILE *f) {
-    fprintf(f,
-            "## Error and cost\n\nThe cheapest setting of each side that reaches an error, for one user of "
-            "%u:\n\n",
-            x->eyes);
-    fprintf(f, "| relMSE | path tracer | CPU s | shared | CPU s | ratio |\n|---|---|---|---|---|---|\n");
+/* The cheapest settings that reach each error. */
+static void print_targets(struct lw_report *out, const struct lw_scaling *x) {
+    lw_report_section(out, "Error and cost", NULL);
+    lw_report_paragraph(
+        out, "The cheapest setting of each side that reaches an error, for one user of %u:", x->eyes);
+    lw_report_head(out, "relMSE | path tracer | CPU s | shared | CPU s | ratio");
     for (uint32_t t = 0; t < x->target_count; t++) {
         double cost[LW_SCALING_SIDES] = {(double)NAN, (double)NAN};
-        fprintf(f, "| %.3g |", x->target[t].error);
+        lw_report_cell(out, "%.3g", x->target[t].error);
         for (int s = 0; s < LW_SCALING_SIDES; s++) {
-            int best = x->target[t].best[s];
-            char setting[160] = "not reached";
-            if (best >= 0) {
-                lw_scaling_run_describe(&x->side[s], &x->side[s].point[best].setting, setting,
-                                        sizeof setting);
-                cost[s] = lw_cost_total(&x->side[s].point[best].cost);
-            }
-            fprintf(f, " %s |", setting);
-            lw_report_text_number(f, cost[s]);
+            const int best = x->target[t].best[s];
+            const struct lw_scaling_point *p = best < 0 ? NULL : &x->side[s].point[best];
+            if (p) cost[s] = lw_cost_total(&p->cost);
+            lw_report_cell(out, "%s",
+                           p ? lw_scaling_run_describe(&x->side[s], &p->setting).text : "not reached");
+            lw_report_number(out, cost[s]);
         }
-        lw_report_text_number(f, cost[1] / cost[0]);
-        fprintf(f, "\n");
+        lw_report_number(out, cost[1] / cost[0]);
+        lw_report_end_row(out);
     }
-    fprintf(f, "\n![Error over CPU time](error.png)\n\nAll settings that were tried. Beside the shared "
-               "side's: the error of a path "
-               "tracer for the same time, interpolated; no picture: less than its cheapest takes.\n\n| side "
-               "| setting | relMSE | CPU s per frame | "
-               "path tracer at that "
-               "cost |\n|---|---|---|---|---|\n");
+    lw_report_paragraph(out, "\n![Error over CPU time](error.png)");
+}
+
+static void print_points(struct lw_report *out, const struct lw_scaling *x) {
+    lw_report_paragraph(
+        out,
+        "All settings that were tried. Beside the shared side's: the error of a path tracer for the same "
+        "time, interpolated; no picture: less than its cheapest takes.");
+    lw_report_head(out, "side | setting | relMSE | CPU s per frame | path tracer at that cost");
     for (int s = 0; s < LW_SCALING_SIDES; s++)
         for (uint32_t i = 0; i < x->side[s].point_count; i++) {
             const struct lw_scaling_point *p = &x->side[s].point[i];
-            char setting[160];
-            lw_scaling_run_describe(&x->side[s], &p->setting, setting, sizeof setting);
-            fprintf(f, "| %s | %s | %.4g | %.4g | ", x->side[s].name, setting, p->error,
-                    lw_cost_total(&p->cost));
-            double equal = s == LW_SCALING_SHARED
-                               ? paths_error_at(&x->side[LW_SCALING_PATHS], lw_cost_total(&p->cost))
-                               : (double)NAN;
-            if (isinf(equal))
-                fprintf(f, "no picture |\n");
-            else if (isfinite(equal))
-                fprintf(f, "%.3g |\n", equal);
+            const double cost_s = lw_cost_total(&p->cost),
+                         equal = paths_error_at(&x->side[LW_SCALING_PATHS], cost_s);
+            lw_report_cell(out, "%s | %s | %.4g | %.4g", x->side[s].name,
+                           lw_scaling_run_describe(&x->side[s], &p->setting).text, p->error, cost_s);
+            if (s == LW_SCALING_PATHS || isnan(equal))
+                lw_report_cell(out, "%s", "");
             else
-                fprintf(f, " |\n");
+                lw_report_cell(out, isinf(equal) ? "no picture" : "%.3g", equal);
+            lw_report_end_row(out);
         }
-    fprintf(f, "\n");
+    fprintf(out->f, "\n");
 }
 
-static void print_notes(const struct lw_scaling *x, FILE *f) {
-    fprintf(f,
-            "## What is counted\n\n"
-            "* Path tracers: posing the scene and tracing every pixel, once per user. They share nothing, so "
-            "that the cost of N "
-            "users is N times the mean of %u of them; cost is linear in samples and is measured at 1 and 4.\n"
-            "* Shared: the whole process of lightwelld (solve, encode, its network's thread), and of every "
-            "client what "
-            "receiving, decoding and composing a view takes. All clients are there; with over %u users the "
-            "views of %u "
-            "a frame, in turn, stand for all. Kernel time of the loopback is in send and receive.\n"
-            "* Neither: start-up, import, showing a picture.\n",
-            x->eyes, LW_SCALING_SHOWN_MAX, LW_SCALING_SHOWN_MAX);
+static void print_notes(struct lw_report *out, const struct lw_scaling *x) {
+    lw_report_section(out, "What is counted", NULL);
+    fprintf(
+        out->f,
+        "* Path tracers: posing the scene and tracing every pixel, once per user. They share nothing, so "
+        "that the cost of N users is N times the mean of %u of them; cost is linear in samples and is "
+        "measured "
+        "at 1 and 4.\n"
+        "* Shared: the whole process of lightwelld (solve, encode, its network's thread), and of every "
+        "client "
+        "what receiving, decoding and composing a view takes. All clients are there; with over %u users the "
+        "views of %u a frame, in turn, stand for all. Kernel time of the loopback is in send and receive.\n"
+        "* Neither: start-up, import, showing a picture.\n",
+        x->eyes, LW_SCALING_SHOWN_MAX, LW_SCALING_SHOWN_MAX);
 }
 
-static enum lw_status write_markdown(const struct lw_scaling *x, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, "report.md", err);
-    if (status != LW_OK) return status;
-    if (x->eyes) {
-        print_head(x, text.stream);
-        print_result(x, text.stream);
-        print_stages(x, text.stream);
-        print_real(x, text.stream);
-        print_targets(x, text.stream);
-        print_notes(x, text.stream);
-    }
-    return lw_report_text_save(&text, x->options.base.folder, err);
+static void print_markdown(struct lw_report *out, const void *context) {
+    const struct lw_scaling *x = context;
+    if (!x->eyes) return;
+    print_head(out, x);
+    print_result(out, x);
+    print_stages(out, x);
+    print_real(out, x);
+    print_targets(out, x);
+    print_points(out, x);
+    print_notes(out, x);
 }
 
 /* ---- plots ---- */
 
-static void plot_both(FILE *f, const char *name, const char *commands) {
-    lw_gnuplot_begin(f, name, 720, 480);
-    fprintf(f, "%s", commands);
-    lw_gnuplot_end(f, name, 720, 480);
-}
-
-static enum lw_status write_plots(const struct lw_scaling *x, struct lw_error *err) {
-    struct lw_report_text text;
-    enum lw_status status = lw_report_text_begin(&text, "scaling.gp", err);
-    if (status != LW_OK) return status;
-    fprintf(text.stream, "set datafile separator ','\nset logscale xy\nset grid\nset key top left\n");
-    if (x->repeats_done)
-        plot_both(text.stream, "cost",
-                  "set xlabel 'users'\nset ylabel 'CPU s per frame'\n"
-                  "plot 'scaling.csv' skip 1 using 1:3 with linespoints lw 2 title 'a path tracer each', "
-                  "'scaling.csv' skip 1 using 1:4 with linespoints lw 2 title 'shared'\n");
-    plot_both(
-        text.stream, "error",
-        "set xlabel 'CPU s per frame, one user'\nset ylabel 'relMSE'\nset key top right\n"
-        "plot 'settings.csv' skip 1 using (strcol(1) eq 'paths' ? $8 : NaN):7 with points pt 7 title 'path "
-        "tracer', "
-        "'settings.csv' skip 1 using (strcol(1) eq 'shared' ? $8 : NaN):7 with points pt 5 title 'shared'\n");
-    return lw_report_text_save(&text, x->options.base.folder, err);
+static void print_plots(struct lw_report *out, const void *context) {
+    static const struct lw_report_plot cost = {"cost", 720, 480}, error = {"error", 720, 480};
+    const struct lw_scaling *x = context;
+    lw_report_script(out, "top left");
+    if (x->repeats_done) {
+        lw_report_plot(out, &cost);
+        fprintf(out->f, "set xlabel 'users'\nset ylabel 'CPU s per frame'\n");
+        lw_report_series(out, "a path tracer each", "'scaling.csv' skip 1 using 1:3 with linespoints lw 2");
+        lw_report_series(out, "shared", "'scaling.csv' skip 1 using 1:4 with linespoints lw 2");
+        lw_report_end_plot(out, &cost);
+    }
+    lw_report_plot(out, &error);
+    fprintf(out->f, "set xlabel 'CPU s per frame, one user'\nset ylabel 'relMSE'\nset key top right\n");
+    lw_report_series(out, "path tracer",
+                     "'settings.csv' skip 1 using (strcol(1) eq 'paths' ? $8 : NaN):7 with points pt 7");
+    lw_report_series(out, "shared",
+                     "'settings.csv' skip 1 using (strcol(1) eq 'shared' ? $8 : NaN):7 with points pt 5");
+    lw_report_end_plot(out, &error);
 }
 
 enum lw_status lw_scaling_report_write(const struct lw_scaling *x, struct lw_error *err) {
-    enum lw_status status = write_users_csv(x, err);
-    if (status == LW_OK) status = write_points_csv(x, err);
+    static const struct lw_report_file files[] = {{"scaling.csv", print_users_csv},
+                                                  {"settings.csv", print_points_csv},
+                                                  {"report.md", print_markdown},
+                                                  {"scaling.gp", print_plots}};
+    const char *folder = x->options.base.folder;
+    enum lw_status status = lw_report_save(folder, files, COUNT(files), x, err);
     if (status == LW_OK) status = write_json(x, err);
-    if (status == LW_OK) status = write_markdown(x, err);
-    if (status == LW_OK) status = write_plots(x, err);
-    if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count)
-        lw_gnuplot_run(x->options.base.folder, "scaling.gp");
+    if (status == LW_OK && x->side[LW_SCALING_PATHS].point_count) lw_report_run_gnuplot(folder, "scaling.gp");
     return status;
 }
 

@@ -72,13 +72,15 @@ enum lw_status lw_scaling_run_save(struct lw_scaling *x, struct lw_scaling_recor
     return lw_measure_store_append(&x->base.store, sample, count, record->line, record->line_count, err);
 }
 
-void lw_scaling_run_describe(const struct lw_scaling_side *side, const struct lw_setting *s, char *out,
-                             size_t size) {
+struct lw_report_words lw_scaling_run_describe(const struct lw_scaling_side *side,
+                                               const struct lw_setting *s) {
+    struct lw_report_words words;
     if (side->traces)
-        snprintf(out, size, "%u path%s per pixel", s->samples, s->samples > 1 ? "s" : "");
+        snprintf(words.text, sizeof words.text, "%u path%s per pixel", s->samples, s->samples > 1 ? "s" : "");
     else
-        snprintf(out, size, "density ×%g, %u + %u samples, target error %g", s->density, s->direct_samples,
-                 s->indirect_samples, s->target_error);
+        snprintf(words.text, sizeof words.text, "density ×%g, %u + %u samples, target error %g", s->density,
+                 s->direct_samples, s->indirect_samples, s->target_error);
+    return words;
 }
 
 /* ---- pictures ---- */

@@ -7,6 +7,7 @@
 #ifndef LW_CLIENT_MEASURE_SCALING_RUN_H
 #define LW_CLIENT_MEASURE_SCALING_RUN_H
 
+#include "client/measure/report.h"
 #include "client/measure/scaling.h"
 
 /** Contents of a unit. */
@@ -33,8 +34,8 @@ LW_MUST_CHECK enum lw_status lw_scaling_run_save(struct lw_scaling *x, struct lw
                                                  struct lw_error *err);
 
 /** Describes a setting of a side for people: "2 paths per pixel". */
-void lw_scaling_run_describe(const struct lw_scaling_side *side, const struct lw_setting *setting, char *out,
-                             size_t size);
+struct lw_report_words lw_scaling_run_describe(const struct lw_scaling_side *side,
+                                               const struct lw_setting *setting);
 
 /** Index of the picture that is compared with the reference in this frame; -1: none is. */
 int lw_scaling_run_picture(const struct lw_scaling *x, uint64_t frame);

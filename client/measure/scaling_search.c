@@ -64,7 +64,6 @@ static enum lw_status try_setting(struct lw_scaling *x, struct lw_scaling_side *
                                   struct lw_error *err) {
     const bool linear = side->traces && side->renderer->history < UINT32_MAX;
     struct lw_scaling_point point = {.setting = *setting};
-    char text[160];
     *out_point = NULL;
     for (uint32_t i = 0; i < side->point_count && !*out_point; i++)
         if (is_same(&side->point[i].setting, setting)) *out_point = &side->point[i];
@@ -76,9 +75,8 @@ static enum lw_status try_setting(struct lw_scaling *x, struct lw_scaling_side *
     if (status != LW_OK) return status;
     point.error = lw_scaling_figures_error(&point.errors, &point.errors);
     if (linear) point.cost.cpu_s[LW_STAGE_TRACE] = side->fixed_s + setting->samples * side->per_sample_s;
-    lw_scaling_run_describe(side, setting, text, sizeof text);
-    lw_log(LW_LOG_INFO, "%s, %s: relMSE %.4g, %.3g CPU s per frame and user", side->name, text, point.error,
-           lw_cost_total(&point.cost));
+    lw_log(LW_LOG_INFO, "%s, %s: relMSE %.4g, %.3g CPU s per frame and user", side->name,
+           lw_scaling_run_describe(side, setting).text, point.error, lw_cost_total(&point.cost));
     side->point[side->point_count] = point;
     *out_point = &side->point[side->point_count++];
     return LW_OK;

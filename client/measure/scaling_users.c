@@ -3,8 +3,6 @@
 #include "common/base/log.h"
 #include "common/base/progress.h"
 
-#include <stdlib.h>
-
 #define SETTLE_FRAMES 2u /* after users joined, until all is as it was */
 #define COUNT_FRAMES  8u /* measured per count of users; the first one takes all frames */
 

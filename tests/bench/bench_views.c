@@ -184,9 +184,8 @@ static enum lw_status measure_lag(struct scene *s, struct lw_error *err) {
 
 static void print_view(const struct lw_fixed_view *v, uint32_t i, double luminance) {
     const struct lw_vec3 p = v->position, t = v->target;
-    printf("{{%.2ff, %.2ff, %.2ff}, {%.2ff, %.2ff, %.2ff}, %.0f, \"%s\"}, /* %u: %.3g */", (double)p.x,
-           (double)p.y, (double)p.z, (double)t.x, (double)t.y, (double)t.z, (double)v->fov_deg, v->shows, i,
-           luminance);
+    printf("{{%.2ff, %.2ff, %.2ff}, {%.2ff, %.2ff, %.2ff}, \"%s\"}, /* %u: %.3g */", (double)p.x, (double)p.y,
+           (double)p.z, (double)t.x, (double)t.y, (double)t.z, v->shows, i, luminance);
 }
 
 static enum lw_status look_at_view(struct scene *s, uint32_t i, struct lw_error *err) {

@@ -187,7 +187,7 @@ static void every_second_view_drifts(void **state) {
     (void)state;
     struct lw_fixed_views views = {.drift_m = 0.3f};
     for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++)
-        views.view[i] = (struct lw_fixed_view){{0, 1, 0}, {0, 1, -4}, 60, ""};
+        views.view[i] = (struct lw_fixed_view){{0, 1, 0}, {0, 1, -4}, ""};
     for (uint32_t i = 0; i < LW_FIXED_VIEWS_COUNT; i++) {
         float farthest = 0, fastest = 0;
         for (int k = 0; k < 400; k++) {

@@ -183,6 +183,37 @@ static void other_tables_are_refused_by_line(void **state) {
 }
 
 /* A limit on a file's size stands for a disk that is full. */
+/* A line of a table must have its columns: all, no more, each within its limit. */
+static void lines_that_are_none_are_refused(void **state) {
+    (void)state;
+    static const struct {
+        const char *file, *line, *fault;
+    } cases[] = {{"late.csv", "view,frame,late,relmse\n3,61,30\n", "line 2: not an error of late light"},
+                 {"late.csv", "view,frame,late,relmse\n3,61,30,1,2\n", "line 2: not an error of late light"},
+                 {"late.csv", "view,frame,late,relmse\n12,61,30,1\n", "line 2: not an error of late light"},
+                 {"late.csv", "view,frame,late,relmse\n3,-1,30,1\n", "line 2: not an error of late light"},
+                 {"late.csv", "view,frame,late,relmse\n3,61,30,1x\n", "line 2: not an error of late light"},
+                 {"late.csv", "view,frame,late\n", "line 1: other columns than this version writes"},
+                 {"row.csv", "scene\n", "line 1: not KEY,VALUE"},
+                 {"failures.csv", "cache,x1,0\n", "line 1: not a failure"},
+                 {"failures.csv", "cache,x1,21,why\n", "line 1: not a failure"}};
+    const char *folder = make_row("lines");
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct lw_measure_store store;
+        struct lw_error err = {0};
+        char path[300];
+        path_of(folder, cases[i].file, path);
+        FILE *f = fopen(path, "we");
+        assert_non_null(f);
+        fprintf(f, "%s", cases[i].line);
+        fclose(f);
+        lw_support_fails(lw_measure_store_open(&store, folder, true, &err), LW_BAD_DATA, &err,
+                         cases[i].fault);
+        lw_measure_store_finish(&store);
+        assert_int_equal(unlink(path), 0);
+    }
+}
+
 static void a_full_disk_takes_nothing_away(void **state) {
     (void)state;
     const char *folder = make_row("full");
@@ -224,16 +255,39 @@ static void notes_and_failures_stay(void **state) {
     lw_support_ok(lw_measure_store_fail(&store, &a, "lightwelld has ended, alas", &err), &err);
     lw_support_ok(lw_measure_store_fail(&store, &b, "timed out", &err), &err);
     lw_support_ok(lw_measure_store_fail(&store, &b, NULL, &err), &err);
-    const struct lw_measure_late late = {.view = 3, .frame = 61, .late = 30, .relmse = 0.5};
-    lw_support_ok(lw_measure_store_set_late(&store, &late, 1, &err), &err);
+    const struct lw_measure_late late[2] = {{.view = 3, .frame = 61, .late = 30, .relmse = 0.5},
+                                            {.view = 4, .frame = 61, .late = 30, .relmse = (double)NAN}};
+    lw_support_ok(lw_measure_store_set_late(&store, late, 2, &err), &err);
     lw_measure_store_finish(&store);
     open_store(&store, folder);
     assert_string_equal(lw_measure_store_get(&store, "scene"), "d, e?f");
     assert_null(lw_measure_store_get(&store, "motion"));
     assert_int_equal(store.failure_count, 1);
     assert_string_equal(store.failure[0].text, "lightwelld has ended, alas");
-    assert_int_equal(store.late_count, 1);
+    assert_int_equal(store.late_count, 2);
     assert_true(store.late[0].relmse == 0.5 && store.late[0].view == 3);
+    assert_true(isnan(store.late[1].relmse) && store.late[1].view == 4);
+    lw_measure_store_finish(&store);
+}
+
+/* Flicker is known in view 11 alone. One repeat has another relMSE there. */
+static void means_are_of_what_was_asked_for(void **state) {
+    (void)state;
+    struct lw_measure_store store;
+    struct lw_error err = {0};
+    struct lw_measure_unit one = unit("cache", 0), other = unit("cache", 1),
+                           any = unit("cache", LW_MEASURE_ALL);
+    const uint32_t all = LW_MEASURE_ALL;
+    open_store(&store, make_row("means"));
+    lw_support_ok(append(&store, &one, &err), &err);
+    store.sample[store.sample_count - 1].coin[0] = 4;
+    assert_true(lw_measure_store_mean(&store, &one, all, all, LW_MEASURE_COIN_RELMSE) == (0.25 + 4) / 2);
+    assert_true(lw_measure_store_mean(&store, &one, 11, all, LW_MEASURE_COIN_RELMSE) == 4);
+    assert_true(lw_measure_store_mean(&store, &other, all, 61, LW_MEASURE_COIN_RELMSE) == 0.25);
+    assert_true(fabs(lw_measure_store_mean(&store, &any, 11, all, LW_MEASURE_COIN_RELMSE) - 2) < 1e-4);
+    assert_true(lw_measure_store_mean(&store, &any, all, all, LW_MEASURE_COIN_FLICKER) == 4);
+    assert_true(isnan(lw_measure_store_mean(&store, &any, 1, all, LW_MEASURE_COIN_FLICKER)));
+    assert_true(isnan(lw_measure_store_mean(&store, &any, 2, all, LW_MEASURE_COIN_RELMSE)));
     lw_measure_store_finish(&store);
 }
 
@@ -322,6 +376,8 @@ int main(void) {
         cmocka_unit_test(settings_have_names),
         cmocka_unit_test(a_unit_that_was_cut_off_is_measured_again),
         cmocka_unit_test(other_tables_are_refused_by_line),
+        cmocka_unit_test(lines_that_are_none_are_refused),
+        cmocka_unit_test(means_are_of_what_was_asked_for),
         cmocka_unit_test(a_full_disk_takes_nothing_away),
         cmocka_unit_test(notes_and_failures_stay),
     };

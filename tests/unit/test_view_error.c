@@ -101,18 +101,14 @@ static void the_worst_pixels_of_all_views_are_left_out(void **state) {
             for (size_t c = 0; c < 3; c++) half[3 * p + c] = 1, picture[v][3 * p + c] = 1;
             picture[v][3 * p + p % 3] = 1 + (float)sqrt(2 * square); /* t^2 + epsilon is 2 */
         }
-    struct lw_view_error_sum sum = start(1), alone = start(1);
+    struct lw_view_error_sum sum = start(1);
     const struct lw_view_error_reference reference = reference_of(half, half);
-    add(&sum, &reference, picture[0]);
-    add(&alone, &reference, picture[1]);
-    struct lw_error err = {0};
-    lw_support_ok(lw_view_error_append(&sum, &alone, &err), &err);
+    for (int v = 0; v < 2; v++) add(&sum, &reference, picture[v]);
     for (int again = 0; again < 2; again++) {
         const struct lw_view_error error = lw_view_error_of(&sum);
         assert_true(error.relmse > 1e4);
         expect_near(error.relmse_trimmed / (kept / (2 * PIXELS - 6)), 1, 1e-5);
     }
-    lw_view_error_finish(&alone);
     lw_view_error_finish(&sum);
 }
 
@@ -381,51 +377,15 @@ static void still_light_has_no_age(void **state) {
     assert_true(isfinite(lag_of(growing, 0.5, 0.05f, 1).lag_s));
 }
 
-/* ---- sums ---- */
-
-static void sums_add_up(void **state) {
-    (void)state;
-    static float half[2][2][VALUES], picture[2][VALUES];
-    struct lw_view_error_reference reference[2];
-    for (uint32_t k = 0; k < 2; k++) {
-        reference[k] = reference_of(half[k][0], half[k][1]);
-        for (size_t i = 0; i < VALUES; i++) {
-            for (uint32_t h = 0; h < 2; h++) half[k][h][i] = growing(i, k) + 0.01f * noise(2 * k + h, i);
-            picture[k][i] = growing(i, k) + 0.05f * noise(10 + k, i);
-        }
-    }
-    struct lw_view_error_sum all = start(0.01), part[2] = {start(0.01), start(0.01)}, sum = start(0.01);
-    struct lw_error err = {0};
-    for (int k = 0; k < 2; k++) {
-        add(&all, &reference[k], picture[k]);
-        add(&part[k], &reference[k], picture[k]);
-    }
-    lw_view_error_add_step(&all, &reference[0], picture[0], &reference[1], picture[1]);
-    lw_view_error_add_step(&part[0], &reference[0], picture[0], &reference[1], picture[1]);
-    lw_view_error_add_lag(&all, reference, 2, picture[1]);
-    lw_view_error_add_lag(&part[1], reference, 2, picture[1]);
-    for (int k = 0; k < 2; k++) lw_support_ok(lw_view_error_append(&sum, &part[k], &err), &err);
-    const struct lw_view_error a = lw_view_error_of(&all), b = lw_view_error_of(&sum);
-    expect_near(a.relmse, b.relmse, 1e-12);
-    expect_near(a.relmse_fixed, b.relmse_fixed, 1e-12);
-    expect_near(a.relmse_trimmed, b.relmse_trimmed, 1e-12);
-    expect_near(a.flip, b.flip, 1e-12);
-    expect_near(a.flicker, b.flicker, 1e-12);
-    expect_near(a.lag_s, b.lag_s, 1e-12);
-    assert_int_equal(b.pixel_count, 2 * PIXELS);
-    for (int k = 0; k < 2; k++) lw_view_error_finish(&part[k]);
-    lw_view_error_finish(&sum);
-    lw_view_error_finish(&all);
-}
+/* ---- failures ---- */
 
 static void a_failure_adds_nothing(void **state) {
     (void)state;
     static float half[VALUES], picture[VALUES];
     for (size_t i = 0; i < VALUES; i++) half[i] = signal_at(i), picture[i] = 0;
     const struct lw_view_error_reference reference = reference_of(half, half);
-    struct lw_view_error_sum sum = start(1), other = start(1);
+    struct lw_view_error_sum sum = start(1);
     struct lw_error err = {0};
-    add(&other, &reference, picture);
     int failures = 0;
     for (enum lw_status status = LW_NO_MEMORY; status != LW_OK;) {
         lw_view_error_finish(&sum);
@@ -442,16 +402,9 @@ static void a_failure_adds_nothing(void **state) {
     }
     assert_int_equal(failures, 3);
     assert_int_equal(lw_view_error_of(&sum).pixel_count, PIXELS);
-    allocations_left = 0;
-    err = (struct lw_error){0};
-    const enum lw_status status = lw_view_error_append(&sum, &other, &err);
-    allocations_left = -1;
-    lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
-    assert_int_equal(lw_view_error_of(&sum).pixel_count, PIXELS);
     const struct lw_view_error_reference none = {.width = 0, .height = 4, .half = {half, half}};
     err = (struct lw_error){0};
     lw_support_fails(lw_view_error_add(&sum, &none, picture, &err), LW_USAGE, &err, "0 x 4");
-    lw_view_error_finish(&other);
     lw_view_error_finish(&sum);
 }
 
@@ -469,7 +422,6 @@ int main(void) {
         cmocka_unit_test(the_age_of_light_is_found),
         cmocka_unit_test(a_mix_of_ages_is_between_them),
         cmocka_unit_test(still_light_has_no_age),
-        cmocka_unit_test(sums_add_up),
         cmocka_unit_test(a_failure_adds_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

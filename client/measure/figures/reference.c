@@ -5,9 +5,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-#define FLOOR_SHARE 0.01 /* relMSE's floor, over the reference's mean square */
-#define DARK_SHARE  1e-4 /* over the views' mean square: a hundredth of their brightness */
-
 static size_t value_count(const struct lw_reference *reference) {
     return (size_t)reference->width * reference->height * 3;
 }
@@ -17,7 +14,9 @@ static double at(const struct lw_reference *reference, size_t i) {
 }
 
 /* Divisor of the squares, without the pixel's own part. */
-static double floor_of(const struct lw_reference *reference) { return FLOOR_SHARE * reference->mean_square; }
+static double floor_of(const struct lw_reference *reference) {
+    return LW_REFERENCE_FLOOR_SHARE * reference->mean_square;
+}
 
 enum lw_status lw_reference_init(struct lw_reference *reference, const struct lw_path_world *world,
                                  const struct lw_camera_view *camera, uint32_t width, uint32_t height,
@@ -78,7 +77,7 @@ double lw_reference_error(const struct lw_reference *reference, const float *rgb
 }
 
 bool lw_reference_is_dark(const struct lw_reference *reference, double mean_square) {
-    return reference->mean_square <= DARK_SHARE * mean_square;
+    return reference->mean_square <= LW_REFERENCE_DARK_SHARE * mean_square;
 }
 
 enum lw_status lw_reference_look(const struct lw_path_world *world, const struct lw_camera_view *camera,

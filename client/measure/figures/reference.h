@@ -15,6 +15,10 @@
 #include "client/measure/sides/path_world.h"
 #include "client/measure/sides/real_run.h"
 
+#define LW_REFERENCE_FLOOR_SHARE 0.01 /* epsilon of relMSE, over the mean square of references */
+#define LW_REFERENCE_DARK_SHARE                                                                              \
+    1e-4 /* a view's mean square over that of all: a hundredth of the brightness */
+
 struct lw_reference {
     uint32_t width, height; /* the lattice's */
     float *half[2];         /* means; width * height * 3 */

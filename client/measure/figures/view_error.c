@@ -5,7 +5,6 @@
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 /* Standard errors by which light must change from other moments to the last one, for a lag to be known. 4 x 4
  * pixels of a reference share random numbers (path_trace.h), so that a standard error over pixels is not what
@@ -199,32 +198,6 @@ void lw_view_error_add_lag(struct lw_view_error_sum *sum, const struct lw_view_e
 }
 
 /* ---- the figures ---- */
-
-enum lw_status lw_view_error_append(struct lw_view_error_sum *sum, const struct lw_view_error_sum *other,
-                                    struct lw_error *err) {
-    assert(!sum->moment_count || !other->moment_count || sum->moment_count == other->moment_count);
-    enum lw_status status = reserve(sum, other->pixel_count, err);
-    if (status != LW_OK) return status;
-    if (other->pixel_count)
-        memcpy(sum->pixel + sum->pixel_count, other->pixel, other->pixel_count * sizeof *other->pixel);
-    sum->pixel_count += other->pixel_count;
-    sum->relative += other->relative;
-    sum->relative_fixed += other->relative_fixed;
-    sum->flip += other->flip;
-    sum->flip_count += other->flip_count;
-    sum->not_finite += other->not_finite;
-    sum->flicker += other->flicker;
-    sum->flicker_count += other->flicker_count;
-    if (other->moment_count) sum->moment_count = other->moment_count;
-    for (uint32_t m = 0; m < other->moment_count; m++) {
-        sum->fit[m] += other->fit[m];
-        sum->fit_of_neighbours[m] += other->fit_of_neighbours[m];
-    }
-    sum->change += other->change;
-    sum->change_noise_square += other->change_noise_square;
-    sum->lag_count += other->lag_count;
-    return LW_OK;
-}
 
 /* Puts the `first` least of count values first (Hoare's selection). */
 static void select_least(float *value, size_t count, size_t first) {

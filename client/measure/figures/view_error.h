@@ -115,11 +115,6 @@ void lw_view_error_add_step(struct lw_view_error_sum *sum, const struct lw_view_
 void lw_view_error_add_lag(struct lw_view_error_sum *sum, const struct lw_view_error_reference *moment,
                            uint32_t moment_count, const float *picture);
 
-/** Adds all that another sum of the same desc holds. Errors: LW_NO_MEMORY; the sum is unchanged then. */
-LW_MUST_CHECK enum lw_status lw_view_error_append(struct lw_view_error_sum *sum,
-                                                  const struct lw_view_error_sum *other,
-                                                  struct lw_error *err);
-
 /** The figures. Reorders the sum's pixels; more may be added afterwards. */
 struct lw_view_error lw_view_error_of(struct lw_view_error_sum *sum);
 

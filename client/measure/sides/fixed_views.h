@@ -18,8 +18,8 @@
  * kind, not the same numbers. They go roughly from dark to bright. The table of builtin:cornell is the rule's
  * views, rounded to 1 cm: the rule takes 10 CPU s there.
  *
- * Views of odd number drift sideways by drift_m * sin(2 pi t / 4 s), so that reprojection and codecs have
- * work; the others stand. */
+ * All views are 60 degrees high. Views of odd number drift sideways by drift_m * sin(2 pi t / 4 s), so that
+ * reprojection and codecs have work; the others stand. */
 #ifndef LW_CLIENT_MEASURE_SIDES_FIXED_VIEWS_H
 #define LW_CLIENT_MEASURE_SIDES_FIXED_VIEWS_H
 
@@ -29,7 +29,6 @@
 
 struct lw_fixed_view {
     struct lw_vec3 position, target; /* m, world space */
-    float fov_deg;                   /* vertical */
     const char *shows;               /* "" of a view that the rule has found */
 };
 
