@@ -42,7 +42,7 @@ const struct lw_material *lw_foreign_case_first_material(const struct lw_scene *
 /** Triangles of all objects. */
 uint32_t lw_foreign_case_triangles(const struct lw_scene *scene);
 
-/** Ends the test unless v, or the base colour of the first triangle, has these values. of: for the message. */
+/** Ends the test unless v, or the base colour of the first triangle, has these values. of: as text. */
 void lw_foreign_case_expect_vec3(struct lw_vec3 v, float x, float y, float z);
 void lw_foreign_case_expect_colour(const struct lw_scene *scene, float red, float green, float blue,
                                    const char *of);
