@@ -281,7 +281,7 @@ static void fill_checkered(struct compose_case_world *w) {
         w->rgb[0][i] = (i / 3 % l->width + i / 3 / l->width) % 2 ? 3 : 1;
 }
 
-/* A tile of the finest level that the last compose_case_render asked for; how many there are. */
+/* A tile of the finest level that the last render asked for; how many there are. */
 static uint32_t asked_for(const struct compose_case_world *w, lw_tile_id *out_id) {
     uint32_t count = 0;
     for (uint32_t t = w->map.plain_count; t < w->map.tile_count; t++)
