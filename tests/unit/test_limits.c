@@ -160,7 +160,7 @@ static void add_messages(void) {
         "unit/test_server_readers:test_flood_of_messages", "%s", size(LW_SERVER_RECEIVE_SIZE));
     add("bytes read of one peer in a turn of the loop", "unit/test_server_readers:test_flood_of_messages",
         "%s", size(LW_SERVER_TURN_READ));
-    add("the same of a WebSocket", "integration/test_web:test_frames_without_end", "%s",
+    add("the same of a WebSocket", "integration/test_web_sessions:test_frames_without_end", "%s",
         size(LW_SERVER_TURN_FRAMES_READ));
     add("dropped bytes of a refused peer", "unit/test_session:test_what_follows_a_refusal",
         "%s, and %u frames; then by the rates", size(LW_SERVER_DROPPED_MAX), LW_SERVER_DROPPED_FRAMES_MAX);
