@@ -1,3 +1,4 @@
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "common/base/random.h"
@@ -581,30 +582,14 @@ static void test_same_bytes_every_time(void **state) {
     }
 }
 
-static unsigned allocations_left = UINT32_MAX; /* before the one that fails */
-void *__real_malloc(size_t size);
-void *__real_calloc(size_t count, size_t size);
-void *__real_realloc(void *old, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_realloc(void *old, size_t size);
-static bool allowed(void) {
-    if (allocations_left == UINT32_MAX) return true;
-    return allocations_left-- > 0; /* after the failure it has wrapped: all others succeed */
-}
-void *__wrap_malloc(size_t size) { return allowed() ? __real_malloc(size) : NULL; }
-void *__wrap_calloc(size_t count, size_t size) { return allowed() ? __real_calloc(count, size) : NULL; }
-void *__wrap_realloc(void *old, size_t size) { return allowed() ? __real_realloc(old, size) : NULL; }
-
 /** Builds with one failing allocation, after `before` good ones. Returns false if the build needs no more
  * than `before`. */
 static bool fails_after(const char *name, unsigned before) {
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
-    allocations_left = before;
+    failing_memory_one(before);
     enum lw_status status = lw_builtin_build(name, &scene, &err);
-    bool failed = allocations_left == UINT32_MAX;
-    allocations_left = UINT32_MAX;
+    const bool failed = failing_memory_end();
     assert_int_equal(status, failed ? LW_NO_MEMORY : LW_OK);
     if (failed) {
         assert_null(scene);
@@ -633,11 +618,10 @@ static void test_reliefs_out_of_memory(void **state) {
         struct lw_scene *scene = NULL;
         struct lw_error err = {0};
         assert_int_equal(lw_builtin_stage_init(&stage, "reliefs"), LW_OK);
-        allocations_left = before;
+        failing_memory_one(before);
         const struct lw_builtin_relief relief =
             lw_builtin_texture_add_relief(&stage, LW_BUILTIN_RELIEF_BRONZE);
-        failed = allocations_left == UINT32_MAX;
-        allocations_left = UINT32_MAX;
+        failed = failing_memory_end();
         assert_int_equal(stage.failed, failed);
         if (!failed) assert_true(before >= 3 && relief.normal == 0 && relief.surface == 1);
         assert_int_equal(lw_builtin_stage_finish(&stage, &scene, &err), failed ? LW_NO_MEMORY : LW_OK);

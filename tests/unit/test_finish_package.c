@@ -1,3 +1,4 @@
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "common/scene/finish_package.h"
@@ -7,20 +8,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* Allocations until one fails; negative: none does. The linker sends the library's calls here. */
-static long allocations_left = -1;
-
-static bool allocation_fails(void) { return allocations_left >= 0 && allocations_left-- == 0; }
-
-void *__real_malloc(size_t size);
-void *__real_calloc(size_t count, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_malloc(size_t size) { return allocation_fails() ? NULL : __real_malloc(size); }
-void *__wrap_calloc(size_t count, size_t size) {
-    return allocation_fails() ? NULL : __real_calloc(count, size);
-}
 
 #define HEADER_SIZE 32u
 #define ENTRY(n)    (HEADER_SIZE + 24u * ((n)-1)) /* offset of section id n */
@@ -440,13 +427,13 @@ static void failing_allocations_are_reported(void **state) {
     struct lw_scene *scene = lw_support_everything();
     lw_support_add_finishes(scene);
     size_t size;
-    long write_failures = 0;
+    unsigned write_failures = 0;
     uint8_t *bytes = NULL;
     for (;; write_failures++) {
         struct lw_error err = {0};
-        allocations_left = write_failures;
+        failing_memory_one(write_failures);
         const enum lw_status status = lw_finish_package_write(scene, &bytes, &size, &err);
-        allocations_left = -1;
+        (void)failing_memory_end();
         if (status == LW_OK) break;
         lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
     }
@@ -454,13 +441,11 @@ static void failing_allocations_are_reported(void **state) {
     lw_scene_destroy(scene);
     struct lw_scene *target = lw_support_everything();
     struct lw_error err = {0};
-    while (allocations_left < 0) { /* until its small chunk is full, nothing is allocated */
+    for (;;) { /* until its small chunk is full, nothing is allocated */
         err = (struct lw_error){0};
-        allocations_left = 0;
+        failing_memory_one(0);
         const enum lw_status status = lw_finish_package_read(bytes, size, target, &err);
-        const bool failed = allocations_left < 0 && status != LW_OK;
-        allocations_left = -1;
-        if (failed) {
+        if (failing_memory_end() && status != LW_OK) {
             lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
             expect_matt(target);
             break;

@@ -1,5 +1,6 @@
 /* test_message.c: a message of every type comes back from its bytes; bytes that are cut off or flipped
  * are refused or sound. */
+#include "tests/support/failing_memory.h"
 #include "tests/support/message_case.h"
 
 #include "common/base/waiting.h"
@@ -9,24 +10,6 @@
 #include <string.h>
 
 #define FAR 0x123456789abcdef0u
-
-/* ---- an allocator that fails on demand ---- */
-
-void *__real_malloc(size_t size);
-void *__real_calloc(size_t count, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-
-static int allocations_left = -1; /* then the next one fails; -1: none fails */
-
-static bool may_allocate(void) {
-    if (allocations_left == 0) return false;
-    if (allocations_left > 0) allocations_left--;
-    return true;
-}
-
-void *__wrap_malloc(size_t size) { return may_allocate() ? __real_malloc(size) : NULL; }
-void *__wrap_calloc(size_t count, size_t size) { return may_allocate() ? __real_calloc(count, size) : NULL; }
 
 /* ---- one good message of every type ---- */
 
@@ -360,13 +343,13 @@ static void test_out_of_memory(void **state) {
         uint8_t *bytes = NULL;
         size_t size;
         enum lw_status status = LW_NO_MEMORY;
-        int needed = 0;
+        unsigned needed = 0;
         for (; status != LW_OK; needed++) {
             assert_true(needed < 100);
             assert_null(bytes);
-            allocations_left = needed;
+            failing_memory_all(needed);
             status = lw_message_encode_alloc(&samples[i], &bytes, &size);
-            allocations_left = -1;
+            (void)failing_memory_end();
             assert_true(status == LW_OK || status == LW_NO_MEMORY);
         }
         assert_true(needed > 1);
@@ -377,9 +360,9 @@ static void test_out_of_memory(void **state) {
             struct lw_framing_header header = {.body_size = (uint32_t)(size - LW_FRAMING_HEADER_SIZE),
                                                .type = (uint16_t)samples[i].type};
             assert_true(needed < 100);
-            allocations_left = needed;
+            failing_memory_all(needed);
             status = lw_message_decode(header, bytes + LW_FRAMING_HEADER_SIZE, &m, &err);
-            allocations_left = -1;
+            (void)failing_memory_end();
             if (status == LW_OK) {
                 message_case_expect_equal(&samples[i], &m);
                 lw_message_finish(&m);

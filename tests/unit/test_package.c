@@ -1,5 +1,6 @@
 /* test_package.c: a scene comes back from its package, and the bytes are where
  * docs/scene_package.md says. */
+#include "tests/support/failing_memory.h"
 #include "tests/support/package_case.h"
 
 #include "common/scene/package.h"
@@ -8,25 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
-
-/* Allocations until one fails; negative: none does. The linker sends the library's calls here. */
-static long allocations_left = -1;
-
-static bool allocation_fails(void) { return allocations_left >= 0 && allocations_left-- == 0; }
-
-void *__real_malloc(size_t size);
-void *__real_calloc(size_t count, size_t size);
-void *__real_realloc(void *memory, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_realloc(void *memory, size_t size);
-void *__wrap_malloc(size_t size) { return allocation_fails() ? NULL : __real_malloc(size); }
-void *__wrap_calloc(size_t count, size_t size) {
-    return allocation_fails() ? NULL : __real_calloc(count, size);
-}
-void *__wrap_realloc(void *memory, size_t size) {
-    return allocation_fails() ? NULL : __real_realloc(memory, size);
-}
 
 /* What docs/scene_package.md shows byte by byte: one triangle that shines. */
 static struct lw_scene *build_example(void) {
@@ -243,22 +225,22 @@ static void failing_allocations_are_reported(void **state) {
     size_t size, other_size;
     uint8_t *bytes = package_case_write(scene, &size), *other;
     unsigned write_failures = 0, read_failures = 0;
-    for (long n = 0;; n++, write_failures++) {
+    for (unsigned n = 0;; n++, write_failures++) {
         struct lw_error err = {0};
-        allocations_left = n;
+        failing_memory_one(n);
         enum lw_status status = lw_package_write(scene, &other, &other_size, &err);
-        allocations_left = -1;
+        (void)failing_memory_end();
         if (status == LW_OK) break;
         lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
     }
     assert_memory_equal(other, bytes, size);
     free(other);
-    for (long n = 0;; n++, read_failures++) {
+    for (unsigned n = 0;; n++, read_failures++) {
         struct lw_error err = {0};
         struct lw_scene *read = NULL;
-        allocations_left = n;
+        failing_memory_one(n);
         enum lw_status status = lw_package_read(bytes, size, &read, &err);
-        allocations_left = -1;
+        (void)failing_memory_end();
         assert_int_equal(read != NULL, status == LW_OK);
         lw_scene_destroy(read);
         if (status == LW_OK) break;
