@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include <ctype.h>
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -95,6 +96,35 @@ char *lw_support_read_text(const char *folder, const char *name) {
     size_t size;
     snprintf(path, sizeof path, "%s/%s", folder, name);
     return (char *)lw_support_read_file(path, &size);
+}
+
+size_t lw_support_document_bytes(const char **text, uint8_t *out, size_t capacity) {
+    const char *line = strstr(*text, "```hex\n");
+    assert_non_null(line);
+    size_t count = 0;
+    for (line = strchr(line, '\n') + 1; strncmp(line, "```", 3) != 0; line = strchr(line, '\n') + 1) {
+        char *end;
+        assert_int_equal(strtoul(line, &end, 16), count); /* the offset */
+        while (true) {
+            const char *start = end + strspn(end, " ");
+            if (!isxdigit((unsigned char)*start)) break; /* strtoul would go on to the next line */
+            unsigned long byte = strtoul(start, &end, 16);
+            assert_true(byte < 256 && count < capacity);
+            out[count++] = (uint8_t)byte;
+        }
+        assert_true(end[strspn(end, " ")] == ';' || *end == '\n');
+    }
+    *text = line;
+    return count;
+}
+
+char *lw_support_replaced(const char *text, const char *old, const char *new) {
+    const char *at = strstr(text, old);
+    if (!at) fail_msg("there is no %s", old);
+    char *out = malloc(strlen(text) + strlen(new) + 1);
+    assert_non_null(out);
+    sprintf(out, "%.*s%s%s", (int)(at - text), text, new, at + strlen(old));
+    return out;
 }
 
 int lw_support_command_line(char *argv[LW_SUPPORT_WORDS_MAX], const char *command, const char *option,

@@ -60,6 +60,13 @@ uint8_t *lw_support_read_file(const char *path, size_t *out_size);
 /** Reads a file of a folder as text, or ends the test; the caller frees. */
 char *lw_support_read_text(const char *folder, const char *name);
 
+/** Bytes of the next block ```hex of a document: lines of an offset, bytes, and a comment behind ';'. *text
+ * moves behind them. Returns how many there are; ends the test if there is none. */
+size_t lw_support_document_bytes(const char **text, uint8_t *out, size_t capacity);
+
+/** A copy of a text with `new` in the place of the first `old`, or the test ends. The caller frees. */
+char *lw_support_replaced(const char *text, const char *old, const char *new);
+
 /** Fills a command line: COMMAND builtin:cornell -o out [OPTION VALUE], NULL behind it. Returns the number of
  * words. option: NULL for none. */
 #define LW_SUPPORT_WORDS_MAX 7

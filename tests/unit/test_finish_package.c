@@ -4,7 +4,6 @@
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 
-#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -79,25 +78,6 @@ static struct lw_scene *build_example(void) {
     return scene;
 }
 
-/* Bytes of the text's next block ```hex: lines of an offset, bytes, and a comment behind ';'. */
-static size_t parse_document(const char *text, uint8_t *out, size_t capacity) {
-    const char *line = strstr(text, "```hex\n");
-    assert_non_null(line);
-    size_t count = 0;
-    for (line = strchr(line, '\n') + 1; strncmp(line, "```", 3) != 0; line = strchr(line, '\n') + 1) {
-        char *end;
-        assert_int_equal(strtoul(line, &end, 16), count); /* the offset */
-        while (true) {
-            const char *start = end + strspn(end, " ");
-            if (!isxdigit((unsigned char)*start)) break; /* strtoul would go on to the next line */
-            unsigned long byte = strtoul(start, &end, 16);
-            assert_true(byte < 256 && count < capacity);
-            out[count++] = (uint8_t)byte;
-        }
-    }
-    return count;
-}
-
 static void the_document_shows_the_bytes(void **state) {
     (void)state;
     size_t text_size, size;
@@ -105,7 +85,7 @@ static void the_document_shows_the_bytes(void **state) {
     uint8_t expected[1024];
     const char *example = strstr(text, "finishes of the example");
     assert_non_null(example);
-    const size_t expected_size = parse_document(example, expected, sizeof expected);
+    const size_t expected_size = lw_support_document_bytes(&example, expected, sizeof expected);
     struct lw_scene *scene = build_example();
     uint8_t *bytes = write_finishes(scene, &size);
     assert_int_equal(size, expected_size);

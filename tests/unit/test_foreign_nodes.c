@@ -426,25 +426,17 @@ static void fbx_arrives_in_metres_and_upright(void **state) {
     lw_scene_destroy(scene);
 }
 
-static char *replaced(const char *text, const char *old, const char *new) {
-    const char *at = strstr(text, old);
-    if (!at) fail_msg("no %s", old);
-    char *out = malloc(strlen(text) + strlen(new) + 1);
-    sprintf(out, "%.*s%s%s", (int)(at - text), text, new, at + strlen(old));
-    return out;
-}
-
 /* Assimp draws a tetrahedron for each node of a file that has no mesh, unless an option forbids it. */
 static void lamps_alone_are_no_triangles(void **state) {
     (void)state;
-    char *text = replaced(dae, "<library_geometries>", "<!--"), *cut = text;
-    text = replaced(cut, "</library_geometries>", "-->");
+    char *text = lw_support_replaced(dae, "<library_geometries>", "<!--"), *cut = text;
+    text = lw_support_replaced(cut, "</library_geometries>", "-->");
     free(cut);
     cut = text;
-    text = replaced(cut, "<node id=\"mover\"", "<!--<node id=\"mover\"");
+    text = lw_support_replaced(cut, "<node id=\"mover\"", "<!--<node id=\"mover\"");
     free(cut);
     cut = text;
-    text = replaced(cut, "<node id=\"lp\"", "--><node id=\"lp\"");
+    text = lw_support_replaced(cut, "<node id=\"lp\"", "--><node id=\"lp\"");
     free(cut);
     lw_foreign_case_refuse_text("lamps.dae", text, "no triangles");
     free(text);
@@ -456,7 +448,7 @@ static void equal_key_times_are_one_key(void **state) {
     (void)state;
     lw_foreign_case_make_folder("some dir");
     lw_foreign_case_write_png("some dir/pic.png");
-    char *text = replaced(dae, ">0.5 2</float_array>", ">2 2</float_array>");
+    char *text = lw_support_replaced(dae, ">0.5 2</float_array>", ">2 2</float_array>");
     struct lw_scene *scene = lw_foreign_case_scene_of("equal.dae", text);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
@@ -472,19 +464,19 @@ static void equal_key_times_are_one_key(void **state) {
 /* Where FBX says nothing, Assimp's own guesses do not count. */
 static void fbx_leaves_out_what_it_means(void **state) {
     (void)state;
-    char *text = replaced(fbx, " C: \"OO\",50,20\n", "");
+    char *text = lw_support_replaced(fbx, " C: \"OO\",50,20\n", "");
     struct lw_scene *scene = lw_foreign_case_scene_of("bare.fbx", text);
     assert_float_equal(scene->material[scene->mesh[0].material[0]].base_colour[0], 0.6, 1e-6);
     lw_scene_destroy(scene);
     free(text);
-    text = replaced(fbx, "   P: \"DiffuseColor\", \"Color\", \"\", \"A\",0.8,0.8,0.8\n", "");
-    char *plain = replaced(text, " C: \"OP\",61,50, \"DiffuseColor\"\n", "");
+    text = lw_support_replaced(fbx, "   P: \"DiffuseColor\", \"Color\", \"\", \"A\",0.8,0.8,0.8\n", "");
+    char *plain = lw_support_replaced(text, " C: \"OP\",61,50, \"DiffuseColor\"\n", "");
     scene = lw_foreign_case_scene_of("plain.fbx", plain);
     assert_float_equal(lw_foreign_case_material(scene, "paint")->base_colour[0], 0.6, 1e-6);
     lw_scene_destroy(scene);
     free(plain);
     free(text);
-    text = replaced(fbx, "   P: \"FieldOfView\", \"FieldOfView\", \"\", \"A\",90\n", "");
+    text = lw_support_replaced(fbx, "   P: \"FieldOfView\", \"FieldOfView\", \"\", \"A\",90\n", "");
     scene = lw_foreign_case_scene_of("view.fbx", text);
     assert_string_equal(lw_foreign_case_talk(), "");
     assert_float_equal(scene->camera[0].fov_y, 2 * atanf(tanf(0.5f * 25.115f * LW_PI / 180) / 2), 1e-5);
@@ -495,7 +487,7 @@ static void fbx_leaves_out_what_it_means(void **state) {
         char line[128];
         snprintf(line, sizeof line,
                  "   P: \"CameraProjectionType\", \"enum\", \"\", \"\",%s\n   P: \"FieldOfView\"", kinds[i]);
-        text = replaced(fbx, "   P: \"FieldOfView\"", line);
+        text = lw_support_replaced(fbx, "   P: \"FieldOfView\"", line);
         scene = lw_foreign_case_scene_of("parallel.fbx", text);
         assert_int_equal(
             strstr(lw_foreign_case_talk(), "orthographic cameras are read as perspective ones") != NULL, i);
@@ -507,8 +499,8 @@ static void fbx_leaves_out_what_it_means(void **state) {
 /* FBX counts in centimetres unless it says otherwise. */
 static void fbx_units_are_centimetres(void **state) {
     (void)state;
-    char *text = replaced(fbx, "\"UnitScaleFactor\", \"double\", \"Number\", \"\",100",
-                          "\"X\", \"double\", \"Number\", \"\",1");
+    char *text = lw_support_replaced(fbx, "\"UnitScaleFactor\", \"double\", \"Number\", \"\",100",
+                                     "\"X\", \"double\", \"Number\", \"\",1");
     struct lw_scene *scene = lw_foreign_case_scene_of("cm.fbx", text);
     struct lw_pose pose;
     lw_support_ok(lw_pose_init(&pose, scene), NULL);

@@ -5,7 +5,6 @@
 
 #include "common/scene/package.h"
 
-#include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -47,34 +46,13 @@ static struct lw_scene *build_example(void) {
     return scene;
 }
 
-/* Bytes of the text's next block ```hex: lines of an offset, bytes, and a comment behind ';'. */
-static size_t parse_document(const char **text, uint8_t *out, size_t capacity) {
-    const char *line = strstr(*text, "```hex\n");
-    assert_non_null(line);
-    size_t count = 0;
-    for (line = strchr(line, '\n') + 1; strncmp(line, "```", 3) != 0; line = strchr(line, '\n') + 1) {
-        char *end;
-        assert_int_equal(strtoul(line, &end, 16), count); /* the offset */
-        while (true) {
-            const char *start = end + strspn(end, " ");
-            if (!isxdigit((unsigned char)*start)) break; /* strtoul would go on to the next line */
-            unsigned long byte = strtoul(start, &end, 16);
-            assert_true(byte < 256 && count < capacity);
-            out[count++] = (uint8_t)byte;
-        }
-        assert_true(end[strspn(end, " ")] == ';' || *end == '\n');
-    }
-    *text = line;
-    return count;
-}
-
 static void the_document_shows_the_bytes(void **state) {
     (void)state;
     size_t text_size, size;
     char *text = (char *)lw_support_read_file(lw_support_source("docs/scene_package.md"), &text_size);
     uint8_t expected[4096], head[64];
     const char *at = text;
-    size_t expected_size = parse_document(&at, expected, sizeof expected);
+    size_t expected_size = lw_support_document_bytes(&at, expected, sizeof expected);
     struct lw_scene *scene = build_example();
     uint8_t *bytes = package_case_write(scene, &size);
     assert_int_equal(size, expected_size);
@@ -87,7 +65,7 @@ static void the_document_shows_the_bytes(void **state) {
     lw_scene_destroy(read);
     free(bytes);
     bytes = package_case_write_sealed(scene, &size); /* as a file: its header */
-    assert_int_equal(parse_document(&at, head, sizeof head), 32);
+    assert_int_equal(lw_support_document_bytes(&at, head, sizeof head), 32);
     assert_memory_equal(bytes, head, 32);
     lw_scene_destroy(scene);
     free(bytes);
