@@ -83,20 +83,6 @@ void lw_foreign_case_refuse_text(const char *name, const char *text, const char 
     lw_foreign_case_refuse(name, reason);
 }
 
-const struct lw_material *lw_foreign_case_material(const struct lw_scene *scene, const char *name) {
-    for (uint32_t i = 0; i < scene->material_count; i++)
-        if (strcmp(scene->material[i].name, name) == 0) return &scene->material[i];
-    fail_msg("no material %s", name);
-    return NULL;
-}
-
-uint32_t lw_foreign_case_triangles(const struct lw_scene *scene) {
-    uint32_t count = 0;
-    for (uint32_t i = 0; i < scene->object_count; i++)
-        count += scene->mesh[scene->object[i].mesh].triangle_count;
-    return count;
-}
-
 void lw_foreign_case_expect_vec3(struct lw_vec3 v, float x, float y, float z) {
     if (fabsf(v.x - x) > 1e-4f || fabsf(v.y - y) > 1e-4f || fabsf(v.z - z) > 1e-4f)
         fail_msg("(%g, %g, %g), not (%g, %g, %g)", (double)v.x, (double)v.y, (double)v.z, (double)x,

@@ -35,12 +35,8 @@ void lw_foreign_case_refuse_text(const char *name, const char *text, const char 
 void lw_foreign_case_expect_line(const char *phrase);
 void lw_foreign_case_expect_silence(const char *text);
 
-/** The material of that name, or the test ends; the material of the first triangle. */
-const struct lw_material *lw_foreign_case_material(const struct lw_scene *scene, const char *name);
+/** The material of the first triangle. */
 const struct lw_material *lw_foreign_case_first_material(const struct lw_scene *scene);
-
-/** Triangles of all objects. */
-uint32_t lw_foreign_case_triangles(const struct lw_scene *scene);
 
 /** Ends the test unless v, or the base colour of the first triangle, has these values. of: as text. */
 void lw_foreign_case_expect_vec3(struct lw_vec3 v, float x, float y, float z);

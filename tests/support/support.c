@@ -53,13 +53,45 @@ const char *lw_support_source(const char *relative) {
     return path;
 }
 
-size_t lw_support_count_files(const char *relative) {
-    DIR *folder = opendir(lw_support_source(relative));
-    assert_non_null(folder);
+size_t lw_support_files_in(const char *folder) {
+    DIR *open = opendir(folder);
+    assert_non_null(open);
     size_t files = 0;
-    for (struct dirent *entry; (entry = readdir(folder));) files += entry->d_name[0] != '.';
-    closedir(folder);
+    for (struct dirent *entry; (entry = readdir(open));) files += entry->d_name[0] != '.';
+    closedir(open);
     return files;
+}
+
+size_t lw_support_count_files(const char *relative) {
+    return lw_support_files_in(lw_support_source(relative));
+}
+
+uint32_t lw_support_object(const struct lw_scene *scene, const char *name) {
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (strcmp(scene->object[o].name, name) == 0) return o;
+    fail_msg("no object %s", name);
+    return 0;
+}
+
+struct lw_material *lw_support_material(const struct lw_scene *scene, const char *name) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (strcmp(scene->material[m].name, name) == 0) return &scene->material[m];
+    fail_msg("no material %s", name);
+    return NULL;
+}
+
+const struct lw_light *lw_support_light(const struct lw_scene *scene, const char *name) {
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (strcmp(scene->light[i].name, name) == 0) return &scene->light[i];
+    fail_msg("no light %s", name);
+    return NULL;
+}
+
+uint64_t lw_support_triangles(const struct lw_scene *scene) {
+    uint64_t count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        count += scene->mesh[scene->object[o].mesh].triangle_count;
+    return count;
 }
 
 const char *lw_support_scene(const char *relative) {

@@ -41,7 +41,7 @@ static void textures_stand_upright(void **state) {
     struct lw_scene *scene = lw_foreign_case_scene_of("one.obj", "mtllib one.mtl\n" LW_FOREIGN_CASE_SQUARE
                                                                  "usemtl paint\n" LW_FOREIGN_CASE_FACE);
     assert_string_equal(lw_foreign_case_talk(), "");
-    assert_int_equal(lw_foreign_case_triangles(scene), 2);
+    assert_int_equal(lw_support_triangles(scene), 2);
     assert_int_equal(scene->mesh[0].vertex_count, 4); /* shared again */
     const struct lw_mesh *mesh = &scene->mesh[0];
     lw_foreign_case_expect_vec3(albedo_at(scene, mesh, 0.25f, 0.75f), 1, 0, 0);
@@ -74,37 +74,37 @@ static void obj_materials_follow_their_rules(void **state) {
         sprintf(text + strlen(text), "o %s\nusemtl %s\n" LW_FOREIGN_CASE_FACE, names[i], names[i]);
     struct lw_scene *scene = lw_foreign_case_scene_of("rules.obj", text);
 
-    const float *c = lw_foreign_case_material(scene, "paint")->base_colour;
+    const float *c = lw_support_material(scene, "paint")->base_colour;
     assert_float_equal(c[0], 0.1, 1e-6); /* a highlight is no albedo */
     assert_float_equal(c[2], 0.3, 1e-6);
-    c = lw_foreign_case_material(scene, "mirror")->base_colour;
+    c = lw_support_material(scene, "mirror")->base_colour;
     assert_float_equal(c[0], 0.9, 1e-6); /* where nothing is diffuse, the mirror's colour is */
     assert_float_equal(c[2], 0.7, 1e-6);
-    assert_float_equal(lw_foreign_case_material(scene, "rubber")->base_colour[0], 0, 0);
-    assert_float_equal(lw_foreign_case_material(scene, "tube")->base_colour[0], 0, 0);
-    const struct lw_material *lamp = lw_foreign_case_material(scene, "lamp");
+    assert_float_equal(lw_support_material(scene, "rubber")->base_colour[0], 0, 0);
+    assert_float_equal(lw_support_material(scene, "tube")->base_colour[0], 0, 0);
+    const struct lw_material *lamp = lw_support_material(scene, "lamp");
     assert_float_equal(lamp->emission[0], 17, 0);
     assert_float_equal(lamp->emission[2], 4, 0);
-    assert_false(lamp->double_sided);                                    /* what emits has one side */
-    assert_true(lw_foreign_case_material(scene, "paint")->double_sided); /* a sheet */
-    const struct lw_material *glass = lw_foreign_case_material(scene, "glass");
+    assert_false(lamp->double_sided);                               /* what emits has one side */
+    assert_true(lw_support_material(scene, "paint")->double_sided); /* a sheet */
+    const struct lw_material *glass = lw_support_material(scene, "glass");
     assert_int_equal(glass->alpha_mode, LW_ALPHA_BLEND);
     assert_float_equal(glass->base_colour[3], 0.25, 0);
-    assert_float_equal(lw_foreign_case_material(scene, "turned")->base_colour[3], 0.75, 1e-6);
-    assert_int_equal(lw_foreign_case_material(scene, "gone")->alpha_mode, LW_ALPHA_OPAQUE);
+    assert_float_equal(lw_support_material(scene, "turned")->base_colour[3], 0.75, 1e-6);
+    assert_int_equal(lw_support_material(scene, "gone")->alpha_mode, LW_ALPHA_OPAQUE);
     assert_non_null(strstr(lw_foreign_case_talk(), "materials of opacity 0 are taken as opaque: \"gone\"\n"));
-    c = lw_foreign_case_material(scene, "bright")->base_colour;
+    c = lw_support_material(scene, "bright")->base_colour;
     assert_float_equal(c[0], 1, 0);
     assert_float_equal(c[1], 0.5, 0);
     assert_non_null(strstr(lw_foreign_case_talk(), "diffuse colours above 1 are lowered to 1: \"bright\"\n"));
-    assert_float_equal(lw_foreign_case_material(scene, "half")->base_colour[1], 0.5, 0);
-    assert_float_equal(lw_foreign_case_material(scene, "black")->base_colour[1], 1, 0);
-    const struct lw_material *leaf = lw_foreign_case_material(scene, "leaf");
+    assert_float_equal(lw_support_material(scene, "half")->base_colour[1], 0.5, 0);
+    assert_float_equal(lw_support_material(scene, "black")->base_colour[1], 1, 0);
+    const struct lw_material *leaf = lw_support_material(scene, "leaf");
     assert_int_equal(leaf->alpha_mode, LW_ALPHA_BLEND); /* a third is no clear yes or no */
     assert_int_equal(scene->texture[leaf->base_colour_texture.texture].rgba[3], 85);
     assert_int_equal(scene->texture[leaf->base_colour_texture.texture].rgba[15], 255);
-    assert_float_equal(lw_foreign_case_material(scene, "glow")->emission[1], 1, 0);
-    assert_int_not_equal(lw_foreign_case_material(scene, "glow")->emission_texture.texture, LW_SCENE_NONE);
+    assert_float_equal(lw_support_material(scene, "glow")->emission[1], 1, 0);
+    assert_int_not_equal(lw_support_material(scene, "glow")->emission_texture.texture, LW_SCENE_NONE);
     lw_scene_destroy(scene);
 
     lw_foreign_case_write_text("wrong.mtl", "newmtl paint\nKd 0.1 -0.2 0.3\n");
@@ -127,7 +127,7 @@ static void opacity_maps_cut_out(void **state) {
     lw_foreign_case_write_text("leaf.mtl", "newmtl leaf\nKd 1 1 1\nmap_Kd pic.png\nmap_d mask.png\n");
     struct lw_scene *scene = lw_foreign_case_scene_of("leaf.obj", "mtllib leaf.mtl\n" LW_FOREIGN_CASE_SQUARE
                                                                   "usemtl leaf\n" LW_FOREIGN_CASE_FACE);
-    const struct lw_material *leaf = lw_foreign_case_material(scene, "leaf");
+    const struct lw_material *leaf = lw_support_material(scene, "leaf");
     const struct lw_texture *texture = &scene->texture[leaf->base_colour_texture.texture];
     assert_int_equal(leaf->alpha_mode, LW_ALPHA_MASK);
     const uint8_t expected[16] = {255, 0, 0, 255, 0, 255, 0, 0, 0, 0, 255, 255, 255, 255, 255, 0};
@@ -145,7 +145,7 @@ static void opacity_maps_cut_out(void **state) {
 static void closed_surfaces_have_one_side(void **state) {
     (void)state;
     struct lw_scene *scene = lw_foreign_case_scene_of("cube.obj", CUBE LAST_FACE);
-    assert_int_equal(lw_foreign_case_triangles(scene), 12);
+    assert_int_equal(lw_support_triangles(scene), 12);
     assert_false(scene->material[scene->mesh[0].material[0]].double_sided);
     assert_float_equal(scene->material[0].base_colour[0], 0.6, 1e-6); /* nothing is said */
     lw_scene_destroy(scene);
@@ -323,7 +323,7 @@ static void stl_has_triangles_alone(void **state) {
     struct lw_scene *scene = lw_foreign_case_scene_of(
         "one.stl", "solid one\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 2 0 0\nvertex 0 2 0\n"
                    "endloop\nendfacet\nendsolid one\n");
-    assert_int_equal(lw_foreign_case_triangles(scene), 1);
+    assert_int_equal(lw_support_triangles(scene), 1);
     assert_float_equal(scene->mesh[0].position[1].x, 2, 0);
     lw_scene_destroy(scene);
     uint8_t binary[84 + 50] = {[80] = 1};
@@ -331,7 +331,7 @@ static void stl_has_triangles_alone(void **state) {
     memcpy(binary + 84, facet, sizeof facet);
     lw_foreign_case_write_bytes("two.stl", binary, sizeof binary);
     scene = lw_foreign_case_scene("two.stl");
-    assert_int_equal(lw_foreign_case_triangles(scene), 1);
+    assert_int_equal(lw_support_triangles(scene), 1);
     lw_scene_destroy(scene);
     binary[80] = 2;
     lw_foreign_case_write_bytes("short.stl", binary, sizeof binary);
@@ -394,12 +394,12 @@ static void odd_files_are_read(void **state) {
     (void)state;
     struct lw_scene *scene = lw_foreign_case_scene_of("really a ply.obj", PLY_HEAD PLY_FACES
                                                       "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n");
-    assert_int_equal(lw_foreign_case_triangles(scene), 2);
+    assert_int_equal(lw_support_triangles(scene), 2);
     lw_scene_destroy(scene);
     scene = lw_foreign_case_scene_of(
         "w\xE4nde 100%.obj",
         "o gr\xFCn\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 7 7 7\nf 1 2 3\nf 1 2 3\nf 3 2 1\nf 1 1 2\n");
-    assert_int_equal(lw_foreign_case_triangles(scene), 3);
+    assert_int_equal(lw_support_triangles(scene), 3);
     assert_int_equal(scene->mesh[0].vertex_count, 6); /* flat: three a side; nobody uses the fourth */
     assert_non_null(strstr(lw_foreign_case_talk(), "1 triangles without area are left out"));
     assert_string_equal(scene->object[0].name, "gr\xC3\xBCn");
@@ -407,10 +407,10 @@ static void odd_files_are_read(void **state) {
     /* a millimetre and a hundred kilometres */
     scene = lw_foreign_case_scene_of("small.obj",
                                      "v 0 0 0\nv 0.001 0 0\nv 0.001 0.001 0\nv 0 0.001 0\nf 1 2 3 4\n");
-    assert_int_equal(lw_foreign_case_triangles(scene), 2);
+    assert_int_equal(lw_support_triangles(scene), 2);
     lw_scene_destroy(scene);
     scene = lw_foreign_case_scene_of("large.obj", "v 0 0 0\nv 1e5 0 0\nv 1e5 1e5 0\nv 0 1e5 0\nf 1 2 3 4\n");
-    assert_int_equal(lw_foreign_case_triangles(scene), 2);
+    assert_int_equal(lw_support_triangles(scene), 2);
     lw_scene_destroy(scene);
 }
 

@@ -99,13 +99,6 @@ static struct lw_vec3 point_of_object(const struct lw_pose *pose, const struct l
     return p;
 }
 
-static const struct lw_light *light_named(const struct lw_scene *scene, const char *name) {
-    for (uint32_t i = 0; i < scene->light_count; i++)
-        if (strcmp(scene->light[i].name, name) == 0) return &scene->light[i];
-    fail_msg("no light %s", name);
-    return NULL;
-}
-
 static void collada_arrives_in_metres_and_upright(void **state) {
     (void)state;
     lw_foreign_case_make_folder("some dir");
@@ -115,14 +108,14 @@ static void collada_arrives_in_metres_and_upright(void **state) {
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     assert_non_null(strstr(lw_foreign_case_talk(), "ambient lights are ignored"));
     assert_int_equal(scene->object_count, 2);
-    assert_int_equal(lw_foreign_case_triangles(scene), 4);
+    assert_int_equal(lw_support_triangles(scene), 4);
     /* a square of 1 m that lies flat: file (x, y, z) cm is (x, z, -y) / 100 m */
     lw_foreign_case_expect_vec3(point_of_object(&pose, scene, "mover", lw_vec3(100, 100, 0)), 1, 0, -1);
     lw_foreign_case_expect_vec3(point_of_object(&pose, scene, "still", lw_vec3(100, 100, 0)), 2, 1, -2);
 
     /* the same geometry with two materials */
-    const struct lw_material *glass = lw_foreign_case_material(scene, "glass"),
-                             *paint = lw_foreign_case_material(scene, "m");
+    const struct lw_material *glass = lw_support_material(scene, "glass"),
+                             *paint = lw_support_material(scene, "m");
     assert_float_equal(glass->base_colour[0], 0.25, 0);
     assert_float_equal(glass->base_colour[3], 0.5, 1e-6);
     assert_int_equal(glass->alpha_mode, LW_ALPHA_BLEND);
@@ -132,8 +125,8 @@ static void collada_arrives_in_metres_and_upright(void **state) {
     assert_int_not_equal(paint->base_colour_texture.texture, LW_SCENE_NONE);
 
     /* 4 / (0.0002 d^2) with d in cm is 2 / d^2 with d in m */
-    const struct lw_light *point = light_named(scene, "lp"), *sun = light_named(scene, "ls"),
-                          *spot = light_named(scene, "lsp");
+    const struct lw_light *point = lw_support_light(scene, "lp"), *sun = lw_support_light(scene, "ls"),
+                          *spot = lw_support_light(scene, "lsp");
     assert_int_equal(scene->light_count, 3);
     assert_int_equal(point->kind, LW_LIGHT_POINT);
     assert_float_equal(point->intensity[0], 2, 1e-4);
@@ -396,7 +389,7 @@ static void fbx_arrives_in_metres_and_upright(void **state) {
     assert_string_equal(lw_foreign_case_talk(), "");
     assert_int_equal(scene->object_count, 1);
     lw_foreign_case_expect_vec3(point_of_object(&pose, scene, "quad", lw_vec3(1, 1, 0)), 4, 0, -1);
-    const struct lw_material *paint = lw_foreign_case_material(scene, "paint");
+    const struct lw_material *paint = lw_support_material(scene, "paint");
     assert_float_equal(paint->base_colour[0], 1, 0); /* the texture takes the place of the colour */
     assert_float_equal(paint->emission[0], 6, 0);
     assert_float_equal(paint->emission[1], 3, 0);
@@ -404,7 +397,7 @@ static void fbx_arrives_in_metres_and_upright(void **state) {
     assert_int_equal(scene->texture[0].width, 2);
     assert_int_equal(scene->texture[0].rgba[5], 128);
 
-    const struct lw_light *lamp = light_named(scene, "lamp");
+    const struct lw_light *lamp = lw_support_light(scene, "lamp");
     assert_int_equal(lamp->kind, LW_LIGHT_SPOT);
     assert_float_equal(lamp->intensity[0], 8, 1e-5); /* 100 % is 1 */
     assert_float_equal(lamp->intensity[2], 2, 1e-5);
@@ -472,7 +465,7 @@ static void fbx_leaves_out_what_it_means(void **state) {
     text = lw_support_replaced(fbx, "   P: \"DiffuseColor\", \"Color\", \"\", \"A\",0.8,0.8,0.8\n", "");
     char *plain = lw_support_replaced(text, " C: \"OP\",61,50, \"DiffuseColor\"\n", "");
     scene = lw_foreign_case_scene_of("plain.fbx", plain);
-    assert_float_equal(lw_foreign_case_material(scene, "paint")->base_colour[0], 0.6, 1e-6);
+    assert_float_equal(lw_support_material(scene, "paint")->base_colour[0], 0.6, 1e-6);
     lw_scene_destroy(scene);
     free(plain);
     free(text);

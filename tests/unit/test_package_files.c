@@ -3,7 +3,6 @@
 
 #include "common/scene/package.h"
 
-#include <dirent.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <sys/resource.h>
@@ -27,15 +26,6 @@ static void files_keep_what_was_saved(void **state) {
     free(bytes);
     lw_scene_destroy(read);
     lw_scene_destroy(scene);
-}
-
-static unsigned count_files(const char *folder) {
-    DIR *dir = opendir(folder);
-    assert_non_null(dir);
-    unsigned count = 0;
-    for (struct dirent *entry; (entry = readdir(dir));) count += entry->d_name[0] != '.';
-    closedir(dir);
-    return count;
 }
 
 static void files_that_cannot_be_are_named(void **state) {
@@ -87,7 +77,7 @@ static void a_failed_save_leaves_the_old_file_and_nothing_else(void **state) {
     enum lw_status status = lw_package_save(scene, path, &err);
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &kept), 0);
     lw_support_fails(status, LW_IO, &err, "scene.lwscene");
-    assert_int_equal(count_files(folder), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
     err = (struct lw_error){0};
     lw_support_ok(lw_package_load(path, &read, &err), &err);
     assert_string_equal(read->name, "squares");
@@ -108,7 +98,7 @@ static void a_stopped_save_leaves_the_old_file_and_nothing_else(void **state) {
     scene->name = "newer";
     stop = SIGTERM;
     lw_support_fails(lw_package_save_stoppable(scene, path, &stop, &err), LW_CLOSED, &err, "scene.lwscene");
-    assert_int_equal(count_files(folder), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
     err = (struct lw_error){0};
     lw_support_ok(lw_package_load(path, &read, &err), &err);
     assert_string_equal(read->name, "squares");
@@ -119,7 +109,7 @@ static void a_stopped_save_leaves_the_old_file_and_nothing_else(void **state) {
     struct stat st;
     assert_int_equal(stat(path, &st), 0);
     assert_int_equal(st.st_mode & 0777, 0604);
-    assert_int_equal(count_files(folder), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
     lw_scene_destroy(scene);
 }
 
