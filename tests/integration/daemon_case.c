@@ -76,15 +76,6 @@ void daemon_case_wait_complete(const struct lw_client *client) {
     }
 }
 
-double daemon_case_total_light(const struct lw_client *client) {
-    double sum = 0;
-    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
-        struct lw_client_level level = lw_client_get_level(client, o, 0);
-        for (uint32_t i = 0; i < level.width * level.height; i++) sum += (double)level.rgb[3 * i + 1];
-    }
-    return sum;
-}
-
 int daemon_case_end_all(void **state) {
     (void)state;
     while (daemon_case_viewers.count)

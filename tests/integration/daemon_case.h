@@ -42,9 +42,6 @@ uint64_t daemon_case_limit_ns(void);
 /** Polls until that is so. */
 void daemon_case_wait_complete(const struct lw_client *client);
 
-/** Sum of the green irradiance over all texels of the finest levels. */
-double daemon_case_total_light(const struct lw_client *client);
-
 /** A teardown: ends all clients and all programs. */
 int daemon_case_end_all(void **state);
 

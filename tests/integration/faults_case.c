@@ -17,15 +17,6 @@ int faults_case_kill_all(void **state) {
     return 0;
 }
 
-bool faults_case_is_at_rest(const struct lw_client *client) {
-    const struct lw_atlas_map *map = lw_client_atlas_map(client);
-    for (uint32_t t = 0; map && t < map->tile_count; t++) {
-        const struct lw_client_tile tile = lw_client_get_tile(client, (lw_tile_id){t});
-        if (!tile.version || tile.error > TARGET) return false;
-    }
-    return map != NULL;
-}
-
 void faults_case_shim(const char *program) {
     char path[512], *slash;
     const ssize_t length = readlink("/proc/self/exe", path, sizeof path - 32);

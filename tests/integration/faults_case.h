@@ -4,8 +4,6 @@
 
 #include "tests/support/process.h"
 
-#include "client/lib/client.h"
-
 #define LIMIT_S LW_PROCESS_LIMIT_S
 #define TARGET  0.3f
 #define CORNELL                                                                                              \
@@ -16,9 +14,6 @@ extern bool faults_case_is_long;
 
 /** A teardown: no fault any more, and no program. */
 int faults_case_kill_all(void **state);
-
-/** The client has every tile, with an error of at most TARGET. */
-bool faults_case_is_at_rest(const struct lw_client *client);
 
 /** Programs of that name run with the shim from now on. */
 void faults_case_shim(const char *program);

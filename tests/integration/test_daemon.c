@@ -1,5 +1,6 @@
 /* The real lightwelld, with clients of liblightwell: one solve serves all, and scenes move frame by frame. */
 #include "tests/integration/daemon_case.h"
+#include "tests/support/client_light.h"
 
 #include "common/base/clock.h"
 #include "common/base/log.h"
@@ -358,7 +359,7 @@ static void the_city_moves_frame_by_frame(void **state) {
     struct lw_client *client = daemon_case_join(&daemon);
     assert_int_equal(watch_frames(client, 3, 1.0 / 30, 0), 2);
     daemon_case_wait_complete(client);
-    assert_true(daemon_case_total_light(client) > 0);
+    assert_true(client_light_total(client) > 0);
     daemon_case_stop(&daemon);
 }
 
@@ -388,7 +389,7 @@ static double light_with(const char *options, unsigned bounces) {
     assert_int_equal(sum_of(&report, "rays_probe") > 0, asks_probes);
     assert_int_equal(sum_of(&report, "rays_bounce") > 0, bounces_at_all);
     free_report(&report);
-    return daemon_case_total_light(client);
+    return client_light_total(client);
 }
 
 static void every_way_to_solve_serves(void **state) {

@@ -77,18 +77,6 @@ static void send_garbage(const struct lw_process *daemon) {
     close(peer);
 }
 
-static long resident_kb(const struct lw_process *daemon) {
-    char path[64], line[256];
-    long kb = -1;
-    snprintf(path, sizeof path, "/proc/%d/status", (int)daemon->pid);
-    FILE *file = fopen(path, "r");
-    assert_non_null(file);
-    while (fgets(line, sizeof line, file)) (void)sscanf(line, "VmRSS: %ld", &kb);
-    fclose(file);
-    assert_true(kb > 0);
-    return kb;
-}
-
 static void misbehave_in_every_way(const struct lw_process *daemon) {
     uint8_t other_version[sizeof daemon_case_hello];
     memcpy(other_version, daemon_case_hello, sizeof daemon_case_hello);
@@ -126,7 +114,7 @@ static void misbehaving_peers_hurt_nobody(void **state) {
     int silent = daemon_case_connect_raw(&daemon), deaf = daemon_case_connect_stranger(&daemon);
     daemon_case_say(silent, daemon_case_hello, 4); /* half a header, and then nothing */
     for (int i = 0; i < 20; i++, daemon_case_poll_all()) misbehave_in_every_way(&daemon);
-    long before_kb = resident_kb(&daemon);
+    long before_kb = lw_process_resident_kb(daemon.pid);
     uint64_t frame = daemon_case_stats_of(good).frame, tiles = daemon_case_stats_of(good).tiles;
     for (int i = 0; i < 100; i++, daemon_case_poll_all()) misbehave_in_every_way(&daemon);
     /* all that time the deaf one takes nothing and the others are served, however busy the machine is */
@@ -135,7 +123,7 @@ static void misbehaving_peers_hurt_nobody(void **state) {
         daemon_case_poll_all();
         if (lw_clock_ns() > end_ns) fail_msg("not served within %u s", LIMIT_S);
     }
-    long after_kb = resident_kb(&daemon);
+    long after_kb = lw_process_resident_kb(daemon.pid);
     assert_true(lw_process_runs(&daemon));
     if (!LW_SANITIZER && after_kb > before_kb + MEMORY_SLACK_KB)
         fail_msg("%ld kB before, %ld kB after", before_kb, after_kb);

@@ -1,5 +1,6 @@
 /* How the real lightwelld starts and ends: signals, ports, and the lines of its refusals. */
 #include "tests/integration/daemon_case.h"
+#include "tests/support/client_light.h"
 
 #include "common/base/clock.h"
 #include "common/base/log.h"
@@ -292,7 +293,7 @@ static void a_scene_without_light_asks_for_a_sky(void **state) {
     lw_process_serve(&daemon, arguments);
     struct lw_client *client = daemon_case_join(&daemon);
     daemon_case_wait_complete(client);
-    assert_true(daemon_case_stats_of(client).sky[1] == 1 && daemon_case_total_light(client) > 0);
+    assert_true(daemon_case_stats_of(client).sky[1] == 1 && client_light_total(client) > 0);
     daemon_case_stop(&daemon);
 }
 

@@ -1,8 +1,10 @@
 /* Faults, and what the documents promise of each: the real programs, killed, stopped, cut off, slowed, or
  * with a wrong clock. docs/lab/reliability.md has them as a table. */
 #include "tests/integration/faults_case.h"
+#include "tests/support/client_light.h"
 #include "tests/support/net_space.h"
 
+#include "client/lib/client.h"
 #include "common/base/clock.h"
 #include "common/base/sanitizer.h"
 
@@ -46,16 +48,6 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *out) {
 
 /* ---- looking at a process ---- */
 
-static long resident_kb(pid_t pid) {
-    char path[64], line[256];
-    long kb = -1;
-    snprintf(path, sizeof path, "/proc/%d/status", (int)pid);
-    FILE *file = fopen(path, "re");
-    while (file && fgets(line, sizeof line, file)) (void)!sscanf(line, "VmRSS: %ld", &kb);
-    if (file) fclose(file);
-    return kb;
-}
-
 static unsigned descriptors_of(pid_t pid) {
     char path[64];
     unsigned count = 0;
@@ -98,15 +90,11 @@ static double light_at(uint16_t port) {
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     struct lw_client *client = join(port);
     struct lw_error err = {0};
-    double sum = 0;
-    while (!faults_case_is_at_rest(client)) {
+    while (!client_light_is_whole(client, TARGET)) {
         lw_support_ok(lw_client_poll(client, 10, &err), &err);
         if (lw_clock_ns() > end_ns) fail_msg("no light within %u s", LIMIT_S);
     }
-    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
-        const struct lw_client_level level = lw_client_get_level(client, o, 0);
-        for (uint32_t i = 0; i < 3 * level.width * level.height; i++) sum += (double)level.rgb[i];
-    }
+    const double sum = client_light_total(client);
     lw_client_destroy(client);
     return sum;
 }
@@ -150,10 +138,10 @@ static void killed_clients_leave_nothing(void **state) {
             assert_int_equal(waitpid(client[i], &status, 0), client[i]);
             assert_true(WIFSIGNALED(status));
         }
-        if (done == kills / 10) first_kb = resident_kb(daemon.pid);
+        if (done == kills / 10) first_kb = lw_process_resident_kb(daemon.pid);
     }
     wait_for_descriptors(daemon.pid, before);
-    const long grown_kb = resident_kb(daemon.pid) - first_kb;
+    const long grown_kb = lw_process_resident_kb(daemon.pid) - first_kb;
     print_message("%u clients killed: %u descriptors as before, %+ld kB\n", kills, before, grown_kb);
     if (!LW_SANITIZER) assert_true(grown_kb < 4096);
     still_serves(&daemon);
@@ -249,7 +237,7 @@ static void a_stopped_server_goes_on(void **state) {
         lw_support_ok(lw_client_poll(client, faults_case_is_long ? 100 : 1, &err), &err);
     }
     assert_int_equal(kill(daemon.pid, SIGCONT), 0);
-    while (!faults_case_is_at_rest(client)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
+    while (!client_light_is_whole(client, TARGET)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
     lw_client_destroy(client);
     still_serves(&daemon);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
@@ -266,7 +254,7 @@ static void readers_of_a_byte_a_second_hold_nobody_up(void **state) {
     lw_process_serve(&daemon, CORNELL);
     (void)light_at(daemon.port);
     const unsigned before = descriptors_of(daemon.pid);
-    const long before_kb = resident_kb(daemon.pid);
+    const long before_kb = lw_process_resident_kb(daemon.pid);
     for (int i = 0; i < READERS; i++) {
         const struct sockaddr_in to = {
             .sin_family = AF_INET, .sin_port = htons(daemon.port), .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
@@ -281,7 +269,7 @@ static void readers_of_a_byte_a_second_hold_nobody_up(void **state) {
         if (faults_case_is_long) lw_process_sleep_ms(1000);
         still_serves(&daemon); /* an honest client gets all of its light between two bytes */
     }
-    if (!LW_SANITIZER) assert_true(resident_kb(daemon.pid) - before_kb < 32768);
+    if (!LW_SANITIZER) assert_true(lw_process_resident_kb(daemon.pid) - before_kb < 32768);
     for (int i = 0; i < READERS; i++) close(reader[i]);
     wait_for_descriptors(daemon.pid, before);
     assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);

@@ -1,8 +1,10 @@
 /* Faults: the real programs without memory, at each allocation in turn. */
 #include "tests/integration/faults_case.h"
 #include "tests/support/certificate.h"
+#include "tests/support/client_light.h"
 #include "tests/support/web_peer.h"
 
+#include "client/lib/client.h"
 #include "common/base/clock.h"
 #include "common/base/sanitizer.h"
 #include "proto/message.h"
@@ -93,7 +95,7 @@ static void a_frame_without_memory_is_published_later(void **state) {
         const struct lw_client_desc desc = {.host = "127.0.0.1", .port = daemon.port, .name = "test_faults"};
         enum lw_status status = lw_client_create(&desc, &client, &err);
         const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-        while (status == LW_OK && !faults_case_is_at_rest(client)) {
+        while (status == LW_OK && !client_light_is_whole(client, TARGET)) {
             status = lw_client_poll(client, 10, &err);
             if (lw_clock_ns() > end_ns) fail_msg("no light within %u s", LIMIT_S);
         }

@@ -1,4 +1,5 @@
 /* The real lightwelld, ended and started again with --keep. */
+#include "tests/support/client_light.h"
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
@@ -75,15 +76,6 @@ static float least_error(const struct lw_client *client) {
     return least;
 }
 
-static double total_light(const struct lw_client *client) {
-    double sum = 0;
-    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
-        struct lw_client_level level = lw_client_get_level(client, o, 0);
-        for (uint32_t i = 0; i < level.width * level.height; i++) sum += (double)level.rgb[3 * i + 1];
-    }
-    return sum;
-}
-
 static void wait_for_all(struct run *run) {
     const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (!has_all(run->client, 1)) {
@@ -139,7 +131,7 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
     struct run run;
     begin(&run, CORNELL);
     wait_for_rest(&run);
-    const double light = total_light(run.client), frames = lw_process_newest(&run.daemon, "published");
+    const double light = client_light_total(run.client), frames = lw_process_newest(&run.daemon, "published");
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 1e4);
     end(&run);
     for (int again = 0; again < 2; again++) { /* restored light is kept again */
@@ -150,7 +142,7 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
         assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
         assert_true(lw_process_newest(&run.daemon, "frame") >
                     frames); /* versions go on, since clients may hold any of them */
-        assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
+        assert_true(fabs(client_light_total(run.client) - light) < 0.01 * light);
         end(&run);
     }
 }
@@ -202,7 +194,7 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     struct run run;
     begin(&run, CORNELL);
     wait_for_rest(&run);
-    const double light = total_light(run.client);
+    const double light = client_light_total(run.client);
     end(&run);
 
     begin(&run, CORNELL);
@@ -216,7 +208,7 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     struct lw_error err = {0};
     lw_support_ok(lw_client_update(run.client, &change, 1, NULL, &err), &err);
     const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-    while (total_light(run.client) > 0.1 * light) {
+    while (client_light_total(run.client) > 0.1 * light) {
         poll_once(&run);
         assert_true(lw_clock_ns() < deadline_ns);
     }
@@ -224,10 +216,10 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
 
     begin(&run, CORNELL);
     wait_for_all(&run);
-    if (total_light(run.client) < 0.1 * light) assert_true(least_error(run.client) >= 2 * TARGET);
+    if (client_light_total(run.client) < 0.1 * light) assert_true(least_error(run.client) >= 2 * TARGET);
     while (!said(&run, "first light")) poll_once(&run);
     wait_for_rest(&run);
-    assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
+    assert_true(fabs(client_light_total(run.client) - light) < 0.01 * light);
     assert_true(lw_process_newest(&run.daemon, "rays_total") ==
                 0); /* the sums of before are still there, and are right */
     end(&run);
@@ -265,7 +257,7 @@ static void what_was_answered_outlives_a_kill(void **state) {
     struct run run;
     begin(&run, CORNELL "--keep-changes");
     wait_for_rest(&run);
-    const double light = total_light(run.client);
+    const double light = client_light_total(run.client);
     struct lw_scene_change change[] = {
         {.kind = LW_SCENE_CHANGE_MATERIAL_EMISSION, .value_count = 3},
         {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5},
@@ -279,14 +271,14 @@ static void what_was_answered_outlives_a_kill(void **state) {
     assert_true(said(&run, "as clients have changed it"));
     wait_for_first_light(&run);
     assert_true(lw_client_object_hidden(run.client, 5));
-    assert_true(total_light(run.client) < 0.01 * light);
+    assert_true(client_light_total(run.client) < 0.01 * light);
     expect_done(&run, &(struct lw_scene_change){.kind = LW_SCENE_CHANGE_RESET}, 1);
     kill_it(&run);
 
     begin(&run, CORNELL "--keep-changes");
     wait_for_first_light(&run);
     assert_false(lw_client_object_hidden(run.client, 5));
-    assert_true(fabs(total_light(run.client) - light) < 0.02 * light);
+    assert_true(fabs(client_light_total(run.client) - light) < 0.02 * light);
     expect_done(&run, change, 2);
     end(&run);
 

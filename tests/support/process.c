@@ -438,6 +438,18 @@ static bool frame_is_there(void *context) {
     return lw_process_newest(f->process, "frame") >= f->number;
 }
 
+long lw_process_resident_kb(pid_t pid) {
+    char path[64], line[256];
+    long kb = -1;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)pid);
+    FILE *file = fopen(path, "re");
+    assert_non_null(file);
+    while (fgets(line, sizeof line, file)) (void)!sscanf(line, "VmRSS: %ld", &kb);
+    fclose(file);
+    assert_true(kb > 0);
+    return kb;
+}
+
 void lw_process_await_frames(struct lw_process *process, unsigned count) {
     struct frames f = {process, lw_process_newest(process, "frame") + count};
     if (!lw_process_await(process, frame_is_there, &f))

@@ -72,6 +72,9 @@ void lw_process_await_texts(struct lw_process *process, const char *text, unsign
 /** A child of the process, or 0. */
 pid_t lw_process_child_of(pid_t parent);
 
+/** Its memory in use, or the test ends. */
+long lw_process_resident_kb(pid_t pid);
+
 /** Waits for `count` more frames of a lightwelld --json. */
 void lw_process_await_frames(struct lw_process *process, unsigned count);
 
