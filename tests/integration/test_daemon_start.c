@@ -52,7 +52,7 @@ static void a_signal_ends_a_long_frame(void **state) {
     lw_process_serve(&daemon, NEVER_RESTS "--texels-per-metre 48 --threads 2 --indirect-samples 1024 "
                                           "--log-level debug --direct-samples 1024");
     lw_process_await_text(&daemon, "for the solve"); /* said before the first frame begins */
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     char *out = lw_process_out(&daemon);
     assert_string_equal(out, ""); /* the first frame was not done */
     free(out);
@@ -209,7 +209,7 @@ static void a_port_file_may_be_a_pipe(void **state) {
     assert_int_equal(poll(&said, 1, LIMIT_S * 1000), 1);
     assert_true(read(reader, text, sizeof text - 1) > 1);
     assert_true(atoi(text) > 0 && text[strlen(text) - 1] == '\n');
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     assert_int_equal(access(path, F_OK), 0);
     unlink(path);
     close(reader);

@@ -145,7 +145,7 @@ static void killed_clients_leave_nothing(void **state) {
     print_message("%u clients killed: %u descriptors as before, %+ld kB\n", kills, before, grown_kb);
     if (!LW_SANITIZER) assert_true(grown_kb < 4096);
     still_serves(&daemon);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 /* ---- the C library fails ---- */
@@ -182,7 +182,7 @@ static void a_killed_server_leaves_whole_light_or_none(void **state) {
     snprintf(arguments, sizeof arguments, CORNELL "--keep %s", lw_support_temporary("killed"));
     lw_process_serve(&daemon, arguments);
     const double light = light_at(daemon.port);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     for (unsigned i = 0; i < kills; i++) {
         be_killed(arguments, i, writes);
         lw_process_serve(&daemon, arguments);
@@ -219,7 +219,7 @@ static void a_jump_of_the_clock_is_not_felt(void **state) {
             lw_support_ok(lw_client_poll(client, 50, &err), &err);
         still_serves(&daemon);
         lw_client_destroy(client);
-        assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+        lw_process_end(&daemon);
     }
 }
 
@@ -240,7 +240,7 @@ static void a_stopped_server_goes_on(void **state) {
     while (!client_light_is_whole(client, TARGET)) lw_support_ok(lw_client_poll(client, 100, &err), &err);
     lw_client_destroy(client);
     still_serves(&daemon);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 /* ---- readers ---- */
@@ -272,7 +272,7 @@ static void readers_of_a_byte_a_second_hold_nobody_up(void **state) {
     if (!LW_SANITIZER) assert_true(lw_process_resident_kb(daemon.pid) - before_kb < 32768);
     for (int i = 0; i < READERS; i++) close(reader[i]);
     wait_for_descriptors(daemon.pid, before);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 /* Both cores taken by others: first light and a stop all the same. */
@@ -292,7 +292,7 @@ static void a_saturated_machine_is_slow_not_broken(void **state) {
     struct lw_process daemon;
     lw_process_serve(&daemon, CORNELL);
     still_serves(&daemon);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     for (int i = 0; i < BURNERS; i++) {
         kill(burner[i], SIGKILL);
         assert_int_equal(waitpid(burner[i], NULL, 0), burner[i]);
@@ -394,7 +394,7 @@ static void a_link_that_was_down(void **state) {
     if (faults_case_is_long)
         print_message("half open: gone after %.0f s\n", (double)(lw_clock_ns() - gone_ns) * 1e-9);
     close(ends[0]);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 int main(int argc, char **argv) {

@@ -112,8 +112,7 @@ static void a_full_disk_leaves_no_half_cache(void **state) {
             empty(folder);
             faults_case_set_number("FAULT_WRITE", n);
             faults_case_set_number("FAULT_ERRNO", faults[f]);
-            lw_process_start(&ctl, "lightwellctl", arguments);
-            lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
+            lw_process_run(&ctl, "lightwellctl", arguments, 0);
             char *said = lw_process_err(&ctl), *line = strstr(said, "is not kept");
             if ((line != NULL) != (faults[f] != 0)) fail_msg("write %ld of %ld: %s", n, writes, said);
             if (line && (!strstr(line, folder) || !strstr(line, strerror(faults[f])) ||
@@ -124,8 +123,7 @@ static void a_full_disk_leaves_no_half_cache(void **state) {
             if (faults[f] ? kept >= whole : kept != whole)
                 fail_msg("write %ld: %u of %u files", n, kept, whole);
             unsetenv("FAULT_WRITE"); /* the file is taken for whole: it must be */
-            lw_process_start(&ctl, "lightwellctl", arguments);
-            lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
+            lw_process_run(&ctl, "lightwellctl", arguments, 0);
             said = lw_process_err(&ctl);
             if (*said) fail_msg("after write %ld: %s", n, said);
             free(said);

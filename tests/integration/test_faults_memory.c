@@ -64,8 +64,7 @@ static void a_solve_without_memory_is_a_line(void **state) {
     struct lw_process process;
     const char *scene = lw_support_temporary("solve.lwscene");
     snprintf(import, sizeof import, "builtin:cornell -o %s --texels-per-metre 2", scene);
-    lw_process_start(&process, "lightwell-import", import);
-    lw_process_expect(&process, lw_process_finish(&process, LIMIT_S), 0);
+    lw_process_run(&process, "lightwell-import", import, 0);
     snprintf(
         serve, sizeof serve,
         "%s --listen 127.0.0.1:0 --http none --control-socket none --clock step --light whole --frames 2 "

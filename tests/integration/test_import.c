@@ -592,8 +592,7 @@ static void a_signal_while_it_writes_leaves_nothing(void **state) {
     struct lw_process importer;
     snprintf(source, sizeof source, "%s", lw_support_temporary("city.lwscene"));
     snprintf(words, sizeof words, "builtin:city:1 --texels-per-metre 0.5 -o %s", source);
-    lw_process_start(&importer, "lightwell-import", words);
-    lw_process_expect(&importer, lw_process_finish(&importer, LW_PROCESS_LIMIT_S), 0);
+    lw_process_run(&importer, "lightwell-import", words, 0);
     snprintf(words, sizeof words, "%s -o %s", source, package);
     for (size_t i = 0; i < sizeof signals / sizeof *signals; i++) {
         struct lw_process process;

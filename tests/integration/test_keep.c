@@ -94,18 +94,11 @@ static void wait_for_rest(struct run *run) {
     }
 }
 
-static bool said(const struct run *run, const char *text) {
-    char *err = lw_process_err(&run->daemon);
-    const bool found = strstr(err, text) != NULL;
-    free(err);
-    return found;
-}
-
 /* The client leaves first: a server waits for those that do not take its goodbye. */
 static void end(struct run *run) {
     lw_client_destroy(run->client);
     run->client = NULL;
-    assert_int_equal(lw_process_stop(&run->daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&run->daemon);
 }
 
 static int choose_folder(void **state) {
@@ -138,7 +131,8 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
         begin(&run, CORNELL);
         wait_for_rest(&run);
         while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
-        assert_true(said(&run, "showing frame") && said(&run, "going on after"));
+        assert_true(lw_process_said(&run.daemon, "showing frame") &&
+                    lw_process_said(&run.daemon, "going on after"));
         assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
         assert_true(lw_process_newest(&run.daemon, "frame") >
                     frames); /* versions go on, since clients may hold any of them */
@@ -181,7 +175,8 @@ static void directions_are_there_at_once(void **state) {
         if (lw_clock_ns() > deadline_ns) fail_msg("not all directions within %u s", LIMIT_S);
     }
     while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
-    assert_true(said(&run, "showing frame") && said(&run, "going on after"));
+    assert_true(lw_process_said(&run.daemon, "showing frame") &&
+                lw_process_said(&run.daemon, "going on after"));
     assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
     assert_true(lw_vec3_length(lw_vec3_sub(again, sum)) < 0.01f * (float)known);
     end(&run);
@@ -217,7 +212,7 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     begin(&run, CORNELL);
     wait_for_all(&run);
     if (client_light_total(run.client) < 0.1 * light) assert_true(least_error(run.client) >= 2 * TARGET);
-    while (!said(&run, "first light")) poll_once(&run);
+    while (!lw_process_said(&run.daemon, "first light")) poll_once(&run);
     wait_for_rest(&run);
     assert_true(fabs(client_light_total(run.client) - light) < 0.01 * light);
     assert_true(lw_process_newest(&run.daemon, "rays_total") ==
@@ -246,7 +241,7 @@ static void kill_it(struct run *run) {
 }
 
 static void wait_for_first_light(struct run *run) {
-    while (!said(run, "first light")) poll_once(run);
+    while (!lw_process_said(&run->daemon, "first light")) poll_once(run);
     wait_for_rest(run);
 }
 
@@ -268,7 +263,7 @@ static void what_was_answered_outlives_a_kill(void **state) {
     kill_it(&run);
 
     begin(&run, CORNELL "--keep-changes");
-    assert_true(said(&run, "as clients have changed it"));
+    assert_true(lw_process_said(&run.daemon, "as clients have changed it"));
     wait_for_first_light(&run);
     assert_true(lw_client_object_hidden(run.client, 5));
     assert_true(client_light_total(run.client) < 0.01 * light);
@@ -308,7 +303,7 @@ static void moving_light_is_shown_until_there_is_more(void **state) {
 
     begin(&run, moving);
     wait_for_all(&run);
-    assert_true(said(&run, "showing frame"));
+    assert_true(lw_process_said(&run.daemon, "showing frame"));
     while (!has_all(run.client, (uint64_t)last + 1)) poll_once(&run); /* all of it is replaced */
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 0);
     end(&run);
@@ -322,8 +317,9 @@ static void other_options_light_afresh(void **state) {
     end(&run);
     begin(&run, CORNELL "--bounces 1");
     wait_for_rest(&run);
-    assert_true(said(&run, "of another scene, of other options or of another release; lighting afresh"));
-    assert_false(said(&run, "showing frame") || said(&run, "going on"));
+    assert_true(lw_process_said(&run.daemon,
+                                "of another scene, of other options or of another release; lighting afresh"));
+    assert_false(lw_process_said(&run.daemon, "showing frame") || lw_process_said(&run.daemon, "going on"));
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 0);
     end(&run);
 }
@@ -333,9 +329,7 @@ static void a_folder_that_cannot_be_is_named(void **state) {
     struct lw_process daemon;
     lw_process_start(&daemon, "lightwelld", "builtin:cornell --listen 127.0.0.1:0 --keep /dev/null/light");
     assert_int_equal(lw_process_finish(&daemon, LIMIT_S), 73);
-    char *err = lw_process_err(&daemon);
-    assert_non_null(strstr(err, "--keep: /dev/null/light: cannot make this folder"));
-    free(err);
+    assert_true(lw_process_said(&daemon, "--keep: /dev/null/light: cannot make this folder"));
 }
 
 /* A frame that takes long does not keep a stop waiting: the light of the last whole one is saved, without
@@ -354,7 +348,7 @@ static void a_long_frame_is_given_up(void **state) {
     unsetenv("LD_PRELOAD");
     wait_for_all(&run);
     end(&run);
-    assert_true(said(&run, "the frame under way is given up"));
+    assert_true(lw_process_said(&run.daemon, "the frame under way is given up"));
     snprintf(path, sizeof path, "%s/shown", folder);
     assert_int_equal(access(path, F_OK), 0);
     snprintf(path, sizeof path, "%s/sums", folder);
@@ -385,7 +379,8 @@ static void light_that_cannot_be_kept_is_a_failure(void **state) {
     assert_int_equal(rmdir(folder), 0);
     lw_client_destroy(run.client);
     assert_int_equal(lw_process_stop(&run.daemon, SIGTERM, LIMIT_S), 74);
-    assert_true(said(&run, "error: the light is not kept: ") && said(&run, folder));
+    assert_true(lw_process_said(&run.daemon, "error: the light is not kept: ") &&
+                lw_process_said(&run.daemon, folder));
 }
 
 static void unfinished_saves_are_removed(void **state) {
@@ -401,7 +396,7 @@ static void unfinished_saves_are_removed(void **state) {
         lw_support_write_file(path, "half", 4);
     }
     begin(&run, CORNELL);
-    assert_true(said(&run, "removed 2 unfinished files"));
+    assert_true(lw_process_said(&run.daemon, "removed 2 unfinished files"));
     for (int i = 0; i < 3; i++) {
         snprintf(path, sizeof path, "%s/%s", folder, names[i]);
         assert_int_equal(access(path, F_OK), i == 2 ? 0 : -1); /* a file that is not ours stays */
@@ -418,7 +413,7 @@ static bool knows_texels(const char *cache, const char *clock) {
     lw_process_serve(&daemon, arguments);
     lw_process_await_text(&daemon, "first light after");
     lw_process_await_text(&daemon, "lie inside or behind other objects");
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     char *err = lw_process_err(&daemon);
     const bool knows = strstr(err, "known from an earlier start") != NULL;
     free(err);

@@ -10,7 +10,6 @@
 #include "server/publish/publisher.h"
 
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -88,13 +87,6 @@ static void wait_for_the_last_frame(void) {
         if (client[i]) wait_for_rest(i);
 }
 
-static bool said(const char *text) {
-    char *err = lw_process_err(&server);
-    const bool found = strstr(err, text) != NULL;
-    free(err);
-    return found;
-}
-
 static uint64_t tiles_of(int i) {
     struct lw_client_stats stats;
     lw_client_get_stats(client[i], &stats);
@@ -123,7 +115,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
         assert_true(shining == 1 && drawn == 1);
         lw_process_await_frames(&server, 2); /* light may come before its frame's line */
         assert_true(lw_process_newest(&server, "sessions_drawing") == 1);
-        assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+        lw_process_end(&server);
         for (int i = 0; i < CLIENTS; i++) leave(i);
     }
     print_message("direct light: full %.1f, split %.3f; with bounces: full %.1f, split %.1f\n",
@@ -196,7 +188,7 @@ static void directions_for_who_asks(void **state) {
         }
         if (asks_directions) break;
     }
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
     lw_process_serve(&server, CORNELL "--directional off");
     join(FULL);
     wait_for_rest(FULL);
@@ -285,18 +277,19 @@ static void kept_light_is_there_in_both_forms(void **state) {
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
     wait_for_the_last_frame();
     for (int i = 0; i < CLIENTS; i++) light[i] = client_light_total(client[i]);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
     for (int i = 0; i < CLIENTS; i++) leave(i);
     lw_process_serve(&server, arguments);
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
-    while (!said("first light")) poll_all(); /* what they have until then is the last run's */
+    while (!lw_process_said(&server, "first light"))
+        poll_all(); /* what they have until then is the last run's */
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
-    assert_true(said("showing frame") && said("going on after"));
+    assert_true(lw_process_said(&server, "showing frame") && lw_process_said(&server, "going on after"));
     for (int i = 0; i < CLIENTS; i++)
         assert_true(fabs(client_light_total(client[i]) - light[i]) < 0.01 * light[i]);
     assert_true(lw_process_newest(&server, "rays_total") == 0);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
     for (int i = 0; i < CLIENTS; i++) leave(i);
     /* the split form is of other lights then */
     snprintf(arguments, sizeof arguments, CORNELL "--client-lights none --keep %s",
@@ -305,7 +298,7 @@ static void kept_light_is_there_in_both_forms(void **state) {
     join(SPLIT);
     wait_for_rest(SPLIT);
     lw_process_await_text(&server, "clients draw no direct light");
-    assert_false(said("showing frame"));
+    assert_false(lw_process_said(&server, "showing frame"));
     assert_null(lw_client_draws(client[SPLIT]));
     assert_true(fabs(client_light_total(client[SPLIT]) - light[FULL]) < 0.05 * light[FULL]);
 }
@@ -314,7 +307,7 @@ static void what_does_not_shine_is_named(void **state) {
     (void)state;
     lw_process_start(&server, "lightwelld", "builtin:cornell --listen 127.0.0.1:0 --client-lights nosuch");
     assert_int_equal(lw_process_finish(&server, LIMIT_S), 64);
-    assert_true(said("--client-lights") && said("nosuch"));
+    assert_true(lw_process_said(&server, "--client-lights") && lw_process_said(&server, "nosuch"));
 }
 
 int main(void) {

@@ -301,6 +301,22 @@ static bool is_progress(const char *line) {
     return strstr(line, " so far, ") || strstr(line, " s left") || strstr(line, ": done in ");
 }
 
+void lw_process_run(struct lw_process *process, const char *program, const char *arguments, int expected) {
+    lw_process_start(process, program, arguments);
+    lw_process_expect(process, lw_process_finish(process, LW_PROCESS_LIMIT_S), expected);
+}
+
+void lw_process_end(struct lw_process *process) {
+    lw_process_expect(process, lw_process_stop(process, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+}
+
+bool lw_process_said(const struct lw_process *process, const char *text) {
+    char *said = lw_process_err(process);
+    const bool found = strstr(said, text) != NULL;
+    free(said);
+    return found;
+}
+
 void lw_process_refuses(const char *program, const char *arguments, int expected, const char *text,
                         unsigned limit_s) {
     struct lw_process process;

@@ -249,8 +249,7 @@ char *lw_relays_show_tree(const struct lw_process *of) {
     char line[100];
     struct lw_process ctl;
     snprintf(line, sizeof line, "127.0.0.1:%u tree", of->port);
-    lw_process_start(&ctl, "lightwellctl", line);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
+    lw_process_run(&ctl, "lightwellctl", line, 0);
     return lw_process_out(&ctl);
 }
 
