@@ -1,3 +1,4 @@
+#include "tests/support/damage.h"
 #include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
@@ -227,15 +228,7 @@ static void cut_off_anywhere_is_refused(void **state) {
     (void)state;
     size_t size;
     uint8_t *bytes = write_everything(&size);
-    for (size_t cut = 0; cut < size; cut++) {
-        struct lw_error err = {0};
-        assert_int_equal(read_exactly(bytes, cut, &err), LW_BAD_DATA);
-        assert_true(*err.text);
-        if (cut < 24) continue; /* a liar may also adapt the size field */
-        set_u64(bytes + 16, cut);
-        assert_int_equal(read_exactly(bytes, cut, NULL), LW_BAD_DATA);
-        set_u64(bytes + 16, size);
-    }
+    damage_cut(bytes, size, read_exactly);
     free(bytes);
 }
 
@@ -244,38 +237,18 @@ static void cut_off_anywhere_is_refused(void **state) {
 
 static void every_flipped_bit_is_refused_or_sound(void **state) {
     (void)state;
-    size_t size, refused = 0;
+    size_t size;
     uint8_t *bytes = write_everything(&size);
-    for (size_t bit = 0; bit < 8 * size; bit++) {
-        struct lw_error err = {0};
-        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        const enum lw_status status = read_exactly(bytes, size, &err);
-        assert_true(status == LW_OK || (status == LW_BAD_DATA && *err.text));
-        refused += status != LW_OK;
-        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
-    }
-    assert_int_equal(refused, FLIPPED_BITS_REFUSED); /* every bit of header and table among them */
+    /* every bit of header and table among them */
+    assert_int_equal(damage_flip(bytes, size, read_exactly), FLIPPED_BITS_REFUSED);
     free(bytes);
 }
 
 static void every_word_with_an_extreme_value_is_refused_or_sound(void **state) {
     (void)state;
-    static const uint32_t extremes[] = {
-        0,          1,          3,          4,          0x7F,       0x100,      0x7FFFFFFF, 0x80000000,
-        0xFFFFFFFE, 0xFFFFFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F7FFFFF, 0x00000001, 0x40000000};
     size_t size;
     uint8_t *bytes = write_everything(&size);
-    for (size_t word = 0; word + 4 <= size; word += 4) {
-        uint8_t kept[4];
-        memcpy(kept, bytes + word, 4);
-        for (size_t i = 0; i < sizeof extremes / sizeof *extremes; i++) {
-            set_u32(bytes + word, extremes[i]);
-            struct lw_error err = {0};
-            const enum lw_status status = read_exactly(bytes, size, &err);
-            assert_true(status == LW_OK || (status == LW_BAD_DATA && *err.text));
-        }
-        memcpy(bytes + word, kept, 4);
-    }
+    damage_words(bytes, size, read_exactly);
     free(bytes);
 }
 

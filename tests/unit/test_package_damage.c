@@ -1,4 +1,5 @@
 /* test_package_damage.c: damaged and untrue packages are refused or sound; each lie has its line. */
+#include "tests/support/damage.h"
 #include "tests/support/package_case.h"
 
 #include "common/scene/package.h"
@@ -11,18 +12,7 @@ static void cut_off_anywhere_is_refused(void **state) {
     (void)state;
     size_t size;
     uint8_t *bytes = package_case_write_everything(&size);
-    for (size_t cut = 0; cut < size; cut++) {
-        struct lw_error err = {0};
-        assert_int_equal(package_case_read_exactly(bytes, cut, &err), LW_BAD_DATA);
-        assert_true(*err.text);
-        /* a liar may also adapt the size field */
-        if (cut < 24) continue;
-        uint8_t header_size[8];
-        memcpy(header_size, bytes + 16, 8);
-        package_case_set_u64(bytes + 16, cut);
-        assert_int_equal(package_case_read_exactly(bytes, cut, NULL), LW_BAD_DATA);
-        memcpy(bytes + 16, header_size, 8);
-    }
+    damage_cut(bytes, size, package_case_read_exactly);
     free(bytes);
 }
 
@@ -30,16 +20,8 @@ static void every_flipped_bit_is_refused_or_sound(void **state) {
     (void)state;
     size_t size;
     uint8_t *bytes = package_case_write_everything(&size);
-    size_t refused = 0;
-    for (size_t bit = 0; bit < 8 * size; bit++) {
-        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        struct lw_error err = {0};
-        enum lw_status status = package_case_read_exactly(bytes, size, &err);
-        assert_true(status == LW_OK || (status == LW_BAD_DATA && *err.text));
-        refused += status != LW_OK;
-        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
-    }
-    assert_true(refused > 8 * 512); /* every bit of the header at least */
+    assert_true(damage_flip(bytes, size, package_case_read_exactly) >
+                8 * 512); /* every bit of the header at least */
     assert_int_equal(package_case_read_exactly(bytes, size, NULL), LW_OK);
     free(bytes);
 }
@@ -110,22 +92,9 @@ static void no_lost_block_of_a_sealed_file_is_read(void **state) {
 
 static void every_word_with_an_extreme_value_is_refused_or_sound(void **state) {
     (void)state;
-    static const uint32_t extremes[] = {
-        0,          1,          3,          4,          0x7F,       0x100,      0x7FFFFFFF, 0x80000000,
-        0xFFFFFFFE, 0xFFFFFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F7FFFFF, 0x00000001, 0x40000000};
     size_t size;
     uint8_t *bytes = package_case_write_everything(&size);
-    for (size_t word = 0; word + 4 <= size; word += 4) {
-        uint8_t kept[4];
-        memcpy(kept, bytes + word, 4);
-        for (size_t i = 0; i < sizeof extremes / sizeof *extremes; i++) {
-            package_case_set_u32(bytes + word, extremes[i]);
-            struct lw_error err = {0};
-            enum lw_status status = package_case_read_exactly(bytes, size, &err);
-            assert_true(status == LW_OK || (status == LW_BAD_DATA && *err.text));
-        }
-        memcpy(bytes + word, kept, 4);
-    }
+    damage_words(bytes, size, package_case_read_exactly);
     free(bytes);
 }
 
