@@ -95,6 +95,9 @@ done
 forbid client/gl '(SDL|client/view/(window/|headless|path_command))' 'the GL renderer knows no window'
 for folder in common/image common/light common/scene common/tile proto server client relay tests; do forbid "$folder" 'embree' 'only common/trace uses Embree'; done
 
+found=$(grep -rnE '"[^"]*\(default:? (-?[0-9.]+|inf|on|off)[;)]' --include='*.[ch]' common server client relay | grep -v 'LW_OPTION_FLAG\|keeps each object' || true)
+if [ -n "$found" ]; then complain "a default is stated by the option's value: write {} in its help (options_value.h):"$'\n'"$found"; fi
+
 twins=$(find common proto server client relay -name '*.c' -printf '%f\n' | sort | uniq -d)
 if [ -n "$twins" ]; then complain "a stem is the prefix of its functions, so it is unique; twice there is: $twins"; fi
 
@@ -147,6 +150,7 @@ common/lightmap/lightmap_shape common/lightmap/lightmap
 common/lightmap/lightmap_split common/lightmap/lightmap_chart
 common/base/options_manual common/base/options
 common/base/options_range common/base/options
+common/base/options_value common/base/options
 server/import/foreign/foreign_import server/import/foreign/foreign
 server/import/gltf/gltf_meshopt server/import/gltf/gltf_document
 server/serve/server_private server/serve/server

@@ -123,28 +123,28 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "meter of /metrics (default none)",
          LW_OPTION_STRING, &s->crossover_report, 0, 0, NULL},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
-        {"bounces", "N", "indirect bounces (default 2)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
-         NULL},
+        {"bounces", "N", "indirect bounces (default {})", LW_OPTION_INT, &s->bounces, 0,
+         LW_SOLVER_BOUNCES_MAX, NULL},
         LW_PROBE_OPTIONS(&s->probes),
-        {"denoise", "off|on", "filter the noise out of what is shown (default on)", LW_OPTION_CHOICE,
+        {"denoise", "off|on", "filter the noise out of what is shown (default {})", LW_OPTION_CHOICE,
          &s->denoise, 0, 0, NULL},
-        {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default 1)", LW_OPTION_INT,
+        {"direct-samples", "N", "rays per texel and frame towards lamps and sky (default {})", LW_OPTION_INT,
          &s->direct_samples, 1, 1024, NULL},
-        {"indirect-samples", "N", "bounce rays per texel and frame (default 2)", LW_OPTION_INT,
+        {"indirect-samples", "N", "bounce rays per texel and frame (default {})", LW_OPTION_INT,
          &s->indirect_samples, 1, 1024, NULL},
-        {"frame-rate", "HZ", "frames a second at most (default 30)", LW_OPTION_REAL, &s->frame_rate, 0.01,
+        {"frame-rate", "HZ", "frames a second at most (default {})", LW_OPTION_REAL, &s->frame_rate, 0.01,
          1000, NULL},
         {"frame-budget-ms", "MS",
          "solving time of a frame, roughly; the rest of the work waits for the next frame. A short budget "
-         "makes changes show sooner. inf: no limit. Under the real clock alone (default 33)",
+         "makes changes show sooner. inf: no limit. Under the real clock alone (default {})",
          LW_OPTION_REAL, &s->frame_budget_ms, 1, (double)INFINITY, NULL},
         {"frame-budget-units", "N",
          "solving work of a frame, roughly, counted in solved texels, so that runs are repeatable. Under the "
-         "step and manual clocks alone (default inf)",
+         "step and manual clocks alone (default {})",
          LW_OPTION_REAL, &s->frame_budget_units, 1, (double)INFINITY, NULL},
         {"detail", "N",
          "lightmaps near somebody are up to 2^N times finer, for clients that read finer levels (0 to 4; "
-         "default 4)",
+         "default {})",
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
         {"memory", "MB",
          "memory for light, at most. If the lightmaps of the whole scene fit, the rest is for finer ones. If "
@@ -156,18 +156,18 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "(default: none)",
          LW_OPTION_STRING, &s->plan_log, 0, 0, NULL},
         {"clock", "real|step|manual",
-         "real: scene time is wall time (default). step: 1/30 s of scene time a solved frame, repeatable. "
+         "real: scene time is wall time{real}. step: 1/30 s of scene time a solved frame, repeatable. "
          "manual: like step; each line on stdin begins a frame, and its end stops the server",
          LW_OPTION_CHOICE, &s->clock, 0, 0, NULL},
         {"light", "whole|seen",
-         "seen: solve the interest set of the clients, and the tiles that light it (default). whole: solve "
+         "seen: solve the interest set of the clients, and the tiles that light it{seen}. whole: solve "
          "all "
          "tiles",
          LW_OPTION_CHOICE, &s->light, 0, 0, NULL},
         {"prepare", "SECONDS",
          "with --light seen: seconds of solving the whole scene while no client looks, so that the first "
          "client finds good light. After that nothing is solved until a client looks. Under the real clock "
-         "alone (default 120)",
+         "alone (default {})",
          LW_OPTION_REAL, &s->prepare_s, 0, 1e9, NULL},
         {"light-groups", "NAMES",
          "lights with a layer of their own, which can be dimmed, recoloured and switched without a ray: "
@@ -181,25 +181,26 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          "separated by commas",
          LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"codec", "half|dct",
-         "dct: tiles as exact as their noise allows (default). half: 16-bit floats, twenty to sixty times "
+         "dct: tiles as exact as their noise allows{dct}. half: 16-bit floats, twenty to sixty times "
          "the bytes, for clients that read nothing else",
          LW_OPTION_CHOICE, &s->codec, 0, 0, NULL},
         {"tile-step", "STEP",
-         "widest quantisation step of dct, in powers of two of light (default 0.1). Twice that: a third "
+         "widest quantisation step of dct, in powers of two of light (default {}). Twice that: a third "
          "fewer bits, up to twice the error",
          LW_OPTION_REAL, &s->tile_step, (double)LW_PUBLISHER_STEP_MIN, 1, NULL},
-        {"seed", "N", "seed of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
+        {"seed", "N", "seed of all random numbers (default {})", LW_OPTION_INT, &s->seed, 0, UINT32_MAX,
+         NULL},
         {"animate", NULL, "run the scene's animation (default if it has one)", LW_OPTION_FLAG, &s->animate, 0,
          0, NULL},
         {"freeze", "SECONDS", "hold the animation at this time", LW_OPTION_REAL, &s->freeze_s, 0, 1e9,
          &s->freeze},
-        {"error", "E", "relative error at which blocks converge (default 0.02)", LW_OPTION_REAL, &s->error,
+        {"error", "E", "relative error at which blocks converge (default {})", LW_OPTION_REAL, &s->error,
          1e-6, 1, NULL},
         {"frames", "N", "stop after this many frames (default: never)", LW_OPTION_INT, &s->frames, 1, 1e15,
          NULL},
         {"stall-limit", "SECONDS",
          "a frame that takes longer counts as a hang, and a service manager restarts the server (default "
-         "600; six times that until first light)",
+         "{}; six times that until first light)",
          LW_OPTION_REAL, &s->stall_s, 0.001, 1e9, NULL},
         {"keep", "FOLDER",
          "keep the light in this folder over a restart: the light that clients saw, and the sums of a scene "
@@ -216,10 +217,10 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          LW_OPTION_STRING, &s->cache, 0, 0, NULL},
         {"directional", "auto|on|off",
          "tiles with the direction of their light, for normal maps and gloss. auto: for objects with a "
-         "normal map, or with a roughness that is textured or under 0.6 (default). on: for all objects",
+         "normal map, or with a roughness that is textured or under 0.6{auto}. on: for all objects",
          LW_OPTION_CHOICE, &s->directional, 0, 0, NULL},
         {"first-light", "coarse|whole",
-         "coarse: under the real clock, show light of a quarter of the density first (default). whole: show "
+         "coarse: under the real clock, show light of a quarter of the density first{coarse}. whole: show "
          "nothing before all detail is there",
          LW_OPTION_CHOICE, &s->first, 0, 0, NULL},
         {"spares", "MESH=N,...",

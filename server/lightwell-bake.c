@@ -170,11 +170,12 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          0, NULL},
         {"samples", "N", "rays per texel towards each kind of light, and bounce rays, instead of --error",
          LW_OPTION_INT, &s->samples, 1, 1e6, &s->samples_given},
-        {"error", "E", "relative standard error that every tile of 64 x 64 texels gets under (default 0.02)",
+        {"error", "E", "relative standard error that every tile of 64 x 64 texels gets under (default {})",
          LW_OPTION_REAL, &s->error, 1e-5, 1, &s->error_given},
         {"solver", "NAME", solvers, LW_OPTION_STRING, &s->solver, 0, 0, NULL},
         {"undersample", LW_UNDERSAMPLE_CHOICES,
-         "radiosity: which texels of a window shoot for it: each (none, default), the first, one drawn "
+         "radiosity: which texels of a window shoot for it: each (none{none|, default}), the first, one "
+         "drawn "
          "for each sample, their mean",
          LW_OPTION_CHOICE, &s->undersample, 0, 0, NULL},
         {"window", "N",
@@ -194,15 +195,17 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "the same, and keep them in FILE: a bake of the same shapes with other lights takes no bounce ray",
          LW_OPTION_STRING, &s->visibility, 0, 0, NULL},
         {"vpl-lights", "N",
-         "vpl: points on surfaces that stand for the light which those reflect (default 512)", LW_OPTION_INT,
-         &s->vpl_lights, 1, LW_VPL_LIGHTS_MAX, NULL},
-        {"vpl-sets", "T", "vpl: a sample is one of T sets of them (default 1)", LW_OPTION_INT, &s->vpl_sets,
-         1, LW_VPL_SETS_MAX, NULL},
+         "vpl: points on surfaces that stand for the light which those reflect (default " LW_LIGHTMAP_NUMBER(
+             LW_VPL_LIGHTS_DEFAULT) ")",
+         LW_OPTION_INT, &s->vpl_lights, 1, LW_VPL_LIGHTS_MAX, NULL},
+        {"vpl-sets", "T",
+         "vpl: a sample is one of T sets of them (default " LW_LIGHTMAP_NUMBER(LW_VPL_SETS_DEFAULT) ")",
+         LW_OPTION_INT, &s->vpl_sets, 1, LW_VPL_SETS_MAX, NULL},
         {"vpl-near", "METRES",
          "vpl: nearer than this they are not brighter (default: by the area that each stands for)",
          LW_OPTION_REAL, &s->vpl_near, 1e-6, 1e6, NULL},
-        {"bounces", "N", "indirect bounces (default 4)", LW_OPTION_INT, &s->bounces, 0, LW_SOLVER_BOUNCES_MAX,
-         NULL},
+        {"bounces", "N", "indirect bounces (default {})", LW_OPTION_INT, &s->bounces, 0,
+         LW_SOLVER_BOUNCES_MAX, NULL},
         {"denoise", NULL, "filter the noise out of the maps; keeps each object's mean (default: off)",
          LW_OPTION_FLAG, &s->denoise, 0, 0, NULL},
         {"indirect-only", NULL,
@@ -213,7 +216,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "lights and emissive materials, apart by commas",
          LW_OPTION_STRING, &s->client_lights, 0, 0, NULL},
         {"convention", LW_CONVENTION_CHOICES,
-         "what a texel means: irradiance E (default); radiosity: albedo x E; three: E; godot: E/pi; "
+         "what a texel means: irradiance E{irradiance}; radiosity: albedo x E; three: E; godot: E/pi; "
          "babylon: albedo/pi x E",
          LW_OPTION_CHOICE, &s->convention, 0, 0, NULL},
         {"directional", NULL,
@@ -221,7 +224,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "DIR/" DIRECTIONS_FOLDER " (docs/baking.md)",
          LW_OPTION_FLAG, &s->directional, 0, 0, NULL},
         {"direction-form", LW_DIRECTION_MAPS_CHOICES,
-         "such directions for whom: own, the formula of docs/baking.md (default); dominant: Unity's "
+         "such directions for whom: own, the formula of docs/baking.md{own}; dominant: Unity's "
          "directional lightmaps; sh: Godot 4's. --directional is implied",
          LW_OPTION_CHOICE, &s->direction_form, 0, 0, &s->direction_form_given},
         {"float", NULL, "32-bit EXRs (default: 16-bit, but where that would lose light)", LW_OPTION_FLAG,
@@ -236,13 +239,13 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          LW_OPTION_FLAG, &s->gltf_split_sides, 0, 0, NULL},
         {"sides", LW_SIDES_CHOICES,
          "whose light double-sided triangles show in that file: auto: the side that its cameras see, else "
-         "the one with more light (default); front; back",
+         "the one with more light{auto}; front; back",
          LW_OPTION_CHOICE, &s->sides, 0, 0, NULL},
-        {"time", "SECONDS", "moment of the scene's animation (default 0)", LW_OPTION_REAL, &s->time_s, 0, 1e9,
-         NULL},
+        {"time", "SECONDS", "moment of the scene's animation (default {})", LW_OPTION_REAL, &s->time_s, 0,
+         1e9, NULL},
         {"time-limit", "SECONDS", "stop lighting after this time, with what is there (default: none)",
          LW_OPTION_REAL, &s->limit_s, 1e-3, 1e9, NULL},
-        {"checkpoint", "SECONDS", "save the state this often (default 180)", LW_OPTION_REAL, &s->interval_s,
+        {"checkpoint", "SECONDS", "save the state this often (default {})", LW_OPTION_REAL, &s->interval_s,
          0.1, 1e9, NULL},
         {"restart", NULL, "do not go on with an unfinished bake in DIR; start again", LW_OPTION_FLAG,
          &s->restart, 0, 0, NULL},
@@ -250,7 +253,7 @@ static enum lw_status parse(struct settings *s, int argc, char **argv, bool *out
          "memory for texels and their light, at most (default: three quarters of the machine's); where they "
          "need more, tiles are lit one after another",
          LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
-        {"seed", "N", "of all random numbers (default 1)", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
+        {"seed", "N", "of all random numbers (default {})", LW_OPTION_INT, &s->seed, 0, UINT32_MAX, NULL},
         LW_PROBE_OPTIONS(&s->probes),
         LW_SCENE_OPEN_OPTIONS(&s->scene),
     };

@@ -18,14 +18,14 @@ struct lw_probe_options {
  * probes  a pointer to them */
 /* clang-format off */
 #define LW_PROBE_OPTIONS(probes)                                                                            \
-    {"tracing-range", "METRES", "bounce rays longer than this ask the probes; inf asks none (default inf)", \
+    {"tracing-range", "METRES", "bounce rays longer than this ask the probes; inf asks none (default {})", \
      LW_OPTION_REAL, &(probes)->tracing_range_m, 1e-6, (double)INFINITY, NULL},                             \
     {"cell-size", "METRES", "side of a radiance cell (default: a quarter of the scene's longest side)",     \
      LW_OPTION_REAL, &(probes)->cell_size_m, 1e-6, 1e9, NULL},                                              \
     {"probe-spacing", "METRES", "distance between probes (default: so that there are some 1,000)",          \
      LW_OPTION_REAL, &(probes)->probe_spacing_m, 1e-6, 1e9, NULL},                                          \
     {"probe-form", "octahedral|sh|cube",                                                                    \
-     "how probes keep what they see: maps of 16 x 16 directions (default), nine spherical harmonics, or "   \
+     "how probes keep what they see: maps of 16 x 16 directions{octahedral}, nine spherical harmonics, or "  \
      "the faces of a cube, 7 x 7 each",                                                                     \
      LW_OPTION_CHOICE, &(probes)->form, 0, 0, NULL}
 

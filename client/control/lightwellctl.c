@@ -91,7 +91,7 @@ static enum lw_status parse(struct ctl *c, int argc, char **argv, bool *out_done
         {"watch", NULL, "stats: a line a second, until Ctrl-C or the server's end", LW_OPTION_FLAG, &c->watch,
          0, 0, NULL},
         LW_ACCESS_OPTIONS(&c->access_options),
-        {"timeout", "SECONDS", "give up after that time (default 30)", LW_OPTION_REAL, &c->timeout_s, 0.001,
+        {"timeout", "SECONDS", "give up after that time (default {})", LW_OPTION_REAL, &c->timeout_s, 0.001,
          1e6, NULL},
     };
     const struct lw_options options = {

@@ -74,32 +74,32 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
     int direct = 0, renderer = 0;
     int64_t alone = ALONE;
     const struct lw_option table[] = {
-        {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default lamp-walk)", LW_OPTION_CHOICE, &raw.motion,
-         0, 0, NULL},
+        {"motion", LW_SCENE_MOTION_CHOICES, "what moves (default {})", LW_OPTION_CHOICE, &raw.motion, 0, 0,
+         NULL},
         {"opponents", "LIST",
          "what each user would run instead, apart by commas: "
-         "raw, lights, reprojected, svgf, svgf-quarter, vpl (default " OPPONENTS ")",
+         "raw, lights, reprojected, svgf, svgf-quarter, vpl (default {})",
          LW_OPTION_STRING, &opponents, 0, 0, NULL},
         {"paths", "LIST",
-         "paths per pixel and frame of opponents that do not filter (default " PATHS "); "
+         "paths per pixel and frame of opponents that do not filter (default {}); "
          "those that do have one",
          LW_OPTION_STRING, &paths, 0, 0, NULL},
         {"densities", "LIST",
-         "densities of the cache's lightmaps, times the scene's default, growing (default " DENSITIES ")",
+         "densities of the cache's lightmaps, times the scene's default, growing (default {})",
          LW_OPTION_STRING, &densities, 0, 0, NULL},
         {"direct", "pixels|tiles|both",
-         "the cache's users draw the direct light of sun and lamps at their pixels (default), "
+         "the cache's users draw the direct light of sun and lamps at their pixels{pixels}, "
          "or tiles hold all light; or both are measured",
          LW_OPTION_CHOICE, &direct, 0, 0, NULL},
         {"renderer", "cpu|gl|both",
-         "the cache's users draw by rays (default), or by OpenGL, which counts what the CPU spends on it; "
+         "the cache's users draw by rays{cpu}, or by OpenGL, which counts what the CPU spends on it; "
          "or both are measured",
          LW_OPTION_CHOICE, &renderer, 0, 0, NULL},
-        {"alone", "N", "views of each repeat that one user sees alone, for r(1) (default " TEXT(ALONE) ")",
-         LW_OPTION_INT, &alone, 1, LW_MEASURE_VIEWS, NULL},
-        {"warm", "S", "scene time before the frames that are judged (default " TEXT(WARM_S) ")",
-         LW_OPTION_REAL, &o.warm_s, 1, 600, NULL},
-        {"seconds", "S", "scene time over which cost is measured (default " TEXT(SECONDS) ")", LW_OPTION_REAL,
+        {"alone", "N", "views of each repeat that one user sees alone, for r(1) (default {})", LW_OPTION_INT,
+         &alone, 1, LW_MEASURE_VIEWS, NULL},
+        {"warm", "S", "scene time before the frames that are judged (default {})", LW_OPTION_REAL, &o.warm_s,
+         1, 600, NULL},
+        {"seconds", "S", "scene time over which cost is measured (default {})", LW_OPTION_REAL,
          &raw.options.seconds, 0.1, 1, NULL},
         {"minutes", "M", "begin nothing more after so long; what is missing is measured the next time",
          LW_OPTION_REAL, &o.minutes_max, 0.01, 1e6, NULL},
@@ -112,9 +112,8 @@ enum lw_status lw_crossover_options_parse(int argc, char **argv, struct lw_cross
         {"o", "DIR",
          "folder of the tables, the references and the report; what it holds is not measured again",
          LW_OPTION_STRING, &raw.options.folder, 0, 0, NULL},
-        LW_MEASURE_OPTIONS(&raw, SIZE,
-                           "measurements, each with other random numbers (default " TEXT(REPEATS) ")",
-                           "paths per pixel of the references (default " TEXT(REFERENCE_SAMPLES) ")", 8),
+        LW_MEASURE_OPTIONS(&raw, "measurements, each with other random numbers (default {})",
+                           "paths per pixel of the references (default {})", 8),
     };
     const struct lw_options options = {
         .program = "lightwell-load crossover",

@@ -29,7 +29,7 @@ struct lw_measure_options_raw {
     int64_t bounces, seed, repeats, reference_samples;
 };
 
-/** The digits of a macro that is a number: one default for a value and for its help. */
+/** The digits of a macro that is a number, for a help that says more than its own option's default. */
 #define LW_MEASURE_OPTIONS_TEXT(number)   LW_MEASURE_OPTIONS_DIGITS(number)
 #define LW_MEASURE_OPTIONS_DIGITS(number) #number
 
@@ -37,22 +37,22 @@ struct lw_measure_options_raw {
 #define LW_MEASURE_OPTIONS_BOUNCES 2
 #define LW_MEASURE_OPTIONS_SEED    1
 
-/** The rows of an option table (common/base/options.h) that fill `raw`, a pointer to the above. Defaults are
- * literals of the command, for the help. */
+/** The rows of an option table (common/base/options.h) that fill `raw`, a pointer to the above. Values hold
+ * the defaults. */
 /* clang-format off */
-#define LW_MEASURE_OPTIONS(raw, size_default, repeats_help, reference_help, reference_min)                   \
-    {"size", "WxH", "pixels of each view (default " size_default ")", LW_OPTION_STRING, &(raw)->size, 0, 0,  \
+#define LW_MEASURE_OPTIONS(raw, repeats_help, reference_help, reference_min)                                 \
+    {"size", "WxH", "pixels of each view (default {})", LW_OPTION_STRING, &(raw)->size, 0, 0,                \
      NULL},                                                                                                  \
     {"repeats", "N", repeats_help, LW_OPTION_INT, &(raw)->repeats, 1, LW_MEASURE_OPTIONS_REPEATS_MAX, NULL}, \
     {"solver", "NAME", "the server's solver, by a name that lightwelld --help lists (default: its own)",     \
      LW_OPTION_STRING, &(raw)->options.solver, 0, 0, NULL},                                                  \
     {"bounces", "N",                                                                                         \
-     "indirect bounces on both sides (default " LW_MEASURE_OPTIONS_TEXT(LW_MEASURE_OPTIONS_BOUNCES) ")",     \
+     "indirect bounces on both sides (default {})",                                                          \
      LW_OPTION_INT, &(raw)->bounces, 0, 16, NULL},                                                           \
     {"reference-samples", "N", reference_help, LW_OPTION_INT, &(raw)->reference_samples, reference_min,      \
      1 << 19, NULL},                                                                                         \
     {"truth-samples", "N", NULL, LW_OPTION_INT, &(raw)->reference_samples, reference_min, 1 << 19, NULL},    \
-    {"seed", "N", "of all random numbers (default " LW_MEASURE_OPTIONS_TEXT(LW_MEASURE_OPTIONS_SEED) ")",    \
+    {"seed", "N", "of all random numbers (default {})",                                                      \
      LW_OPTION_INT, &(raw)->seed, 0, UINT32_MAX, NULL},                                                      \
     LW_SCENE_OPEN_OPTIONS(&(raw)->options.scene)
 /* clang-format on */

@@ -104,20 +104,19 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
     int views = LW_VIEWS_WALK, light = 0, opponent = LW_PATH_RENDERER_SVGF, denoise = 1;
     _Static_assert(LW_PATH_RENDERER_COUNT == 6, "--opponent names them all, in order");
     const struct lw_option table[] = {
-        {"users", "LIST", "user counts to measure, growing (default " USERS ")", LW_OPTION_STRING, &users, 0,
-         0, NULL},
+        {"users", "LIST", "user counts to measure, growing (default {})", LW_OPTION_STRING, &users, 0, 0,
+         NULL},
         {"motion", LW_SCENE_MOTION_CHOICES,
-         "what moves (default light). Where nothing of the scene's own animation belongs to it, "
+         "what moves (default {}). Where nothing of the scene's own animation belongs to it, "
          "a light or an object is set moving",
          LW_OPTION_CHOICE, &raw.motion, 0, 0, NULL},
         {"views", "walk|centre",
-         "users walk through the scene (default), or stand all over it and look at its centre",
-         LW_OPTION_CHOICE, &views, 0, 0, NULL},
-        {"spread", "S",
-         "how far apart users are: 0 all in one place, 1 all over the scene (default " TEXT(SPREAD) ")",
+         "users walk through the scene{walk}, or stand all over it and look at its centre", LW_OPTION_CHOICE,
+         &views, 0, 0, NULL},
+        {"spread", "S", "how far apart users are: 0 all in one place, 1 all over the scene (default {})",
          LW_OPTION_REAL, &o.spread, 0, 1, NULL},
         {"error", "relmse:E|match:SPP",
-         "what both sides must reach: a mean relative square error (default " ERROR "), "
+         "what both sides must reach: a mean relative square error (default {}), "
          "or what the path tracer reaches with SPP paths per pixel",
          LW_OPTION_STRING, &error, 0, 0, NULL},
         {"one-error", NULL,
@@ -131,28 +130,26 @@ enum lw_status lw_scaling_options_parse(int argc, char **argv, struct lw_scaling
          LW_OPTION_STRING, &fixed, 0, 0, NULL},
         {"light", "seen|whole|only-seen",
          "seen: the server lights the interest set and its contributors "
-         "(default; with one run of the whole scene as well, which only-seen leaves out). "
+         "({seen|default; }with one run of the whole scene as well, which only-seen leaves out). "
          "whole: all of the scene",
          LW_OPTION_CHOICE, &light, 0, 0, NULL},
         {"opponent", "raw|lights|reprojected|svgf|svgf-quarter|vpl",
          "what each user would run instead. raw: paths. lights: paths with all lights at first hits and a "
          "clamp. "
-         "reprojected: lights, with histories. svgf: reprojected, filtered over time and picture (default). "
+         "reprojected: lights, with histories. svgf: reprojected, filtered over time and picture{svgf}. "
          "svgf-quarter: svgf with paths for a quarter of the pixels. vpl: svgf with bounces by the user's "
          "own "
          "virtual point lights",
          LW_OPTION_CHOICE, &opponent, 0, 0, NULL},
-        {"denoise", "off|on", "filter the lightmaps (default on)", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
-        {"seconds", "S",
-         "measured scene time, after a second that is not measured (default " TEXT(SECONDS) ")",
+        {"denoise", "off|on", "filter the lightmaps (default {})", LW_OPTION_CHOICE, &denoise, 0, 0, NULL},
+        {"seconds", "S", "measured scene time, after a second that is not measured (default {})",
          LW_OPTION_REAL, &raw.options.seconds, 0.2, 600, NULL},
         {"self-test", NULL, "a path tracer on both sides: r(1) must come out as 1", LW_OPTION_FLAG,
          &o.self_test, 0, 0, NULL},
         {"o", "DIR", "folder for report.md, scaling.csv, scaling.json and the plots", LW_OPTION_STRING,
          &raw.options.folder, 0, 0, NULL},
-        LW_MEASURE_OPTIONS(&raw, SIZE,
-                           "measurements of cost, each with other random numbers (default " TEXT(REPEATS) ")",
-                           "paths per pixel of the reference (default " TEXT(REFERENCE_SAMPLES) ")", 2),
+        LW_MEASURE_OPTIONS(&raw, "measurements of cost, each with other random numbers (default {})",
+                           "paths per pixel of the reference (default {})", 2),
     };
     const struct lw_options options = {.program = "lightwell-load scaling",
                                        .synopsis = "SCENE -o DIR [OPTIONS]",

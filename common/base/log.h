@@ -18,10 +18,10 @@ enum lw_log_format { LW_LOG_AUTO, LW_LOG_TEXT, LW_LOG_JSON };
 /** Rows of an option table (options.h). format, level: int */
 #define LW_LOG_OPTIONS(format, level)                                                                        \
     {"log-format", LW_LOG_FORMATS,                                                                           \
-     "lines on stderr: text for people, or a JSON object each (default auto: text on a terminal, else "      \
+     "lines on stderr: text for people, or a JSON object each (default {}: text on a terminal, else "      \
      "JSON)",                                                                                                \
      LW_OPTION_CHOICE, (format), 0, 0, NULL},                                                                \
-    {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default info)", LW_OPTION_CHOICE,   \
+    {"log-level", LW_LOG_LEVELS, "the most verbose lines that are shown (default {})", LW_OPTION_CHOICE,   \
      (level), 0, 0, NULL}
 /* clang-format on */
 

@@ -2,6 +2,7 @@
 
 #include "common/base/options_manual.h"
 #include "common/base/options_range.h"
+#include "common/base/options_value.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -361,9 +362,16 @@ static enum lw_status print_and_check(const struct lw_options *options,
     return LW_OK;
 }
 
-/* Takes the option at argv[*index], and its value if that is the next argument. */
-static enum lw_status take_option(const struct lw_options *options, int argc, char **argv, int *index,
-                                  bool *out_done, struct lw_error *err) {
+static bool is_to_print(int argc, char **argv) {
+    for (int i = 1; i < argc; i++)
+        for (size_t p = 0; p < sizeof prints / sizeof *prints; p++)
+            if (!strcmp(argv[i], prints[p].option)) return true;
+    return false;
+}
+
+/* Takes the option at argv[*index], and its value if that is the next argument. shown: what --help prints. */
+static enum lw_status take_option(const struct lw_options *options, const struct lw_options *shown, int argc,
+                                  char **argv, int *index, bool *out_done, struct lw_error *err) {
     const char *argument = argv[*index], *value = NULL;
     bool is_long = argument[1] == '-';
     const char *name = argument + (is_long ? 2 : 1);
@@ -374,7 +382,7 @@ static enum lw_status take_option(const struct lw_options *options, int argc, ch
         for (size_t i = 0; i < sizeof prints / sizeof *prints; i++)
             if (!strcmp(argument, prints[i].option)) {
                 *out_done = true;
-                return print_and_check(options, prints[i].print, err);
+                return print_and_check(shown, prints[i].print, err);
             }
         if (!strncmp(argument, "--help=", 7) || !strncmp(argument, "--version=", 10))
             return lw_status_fail(err, LW_USAGE, "%.*s takes no value", (int)strcspn(argument, "="),
@@ -400,8 +408,7 @@ static enum lw_status take_option(const struct lw_options *options, int argc, ch
     return set_value(o, value, err);
 }
 
-enum lw_status lw_options_parse(const struct lw_options *options, int argc, char **argv,
-                                size_t *out_positional_count, bool *out_done, struct lw_error *err) {
+static void check_table(const struct lw_options *options) {
     for (size_t i = 0; i < options->count; i++) {
         const struct lw_option *o = &options->table[i];
         assert((o->kind == LW_OPTION_FLAG) == !o->argument);
@@ -409,7 +416,11 @@ enum lw_status lw_options_parse(const struct lw_options *options, int argc, char
                o->kind == LW_OPTION_CHOICE);
         (void)o;
     }
-    *out_done = false;
+}
+
+static enum lw_status take_all(const struct lw_options *options, const struct lw_options *shown, int argc,
+                               char **argv, size_t *out_positional_count, bool *out_done,
+                               struct lw_error *err) {
     size_t positional_count = 0;
     bool options_ended = false;
     for (int i = 1; i < argc; i++) {
@@ -421,7 +432,7 @@ enum lw_status lw_options_parse(const struct lw_options *options, int argc, char
                                       options->program, options->synopsis);
             options->positional[positional_count++] = argv[i];
         } else {
-            enum lw_status status = take_option(options, argc, argv, &i, out_done, err);
+            enum lw_status status = take_option(options, shown, argc, argv, &i, out_done, err);
             if (status || *out_done) return status;
         }
     }
@@ -430,6 +441,22 @@ enum lw_status lw_options_parse(const struct lw_options *options, int argc, char
                               options->program, options->synopsis);
     if (out_positional_count) *out_positional_count = positional_count;
     return LW_OK;
+}
+
+enum lw_status lw_options_parse(const struct lw_options *options, int argc, char **argv,
+                                size_t *out_positional_count, bool *out_done, struct lw_error *err) {
+    struct lw_options shown = *options;
+    struct lw_option *filled = NULL;
+    check_table(options);
+    *out_done = false;
+    if (is_to_print(argc, argv)) { /* before the first value is set: help says the defaults */
+        if (!(filled = lw_options_value_fill(options->table, options->count)))
+            return lw_status_fail(err, LW_NO_MEMORY, "out of memory");
+        shown.table = filled;
+    }
+    const enum lw_status status = take_all(options, &shown, argc, argv, out_positional_count, out_done, err);
+    lw_options_value_free(filled, options->count);
+    return status;
 }
 
 /* Digits alone are a port, text without a port a host. */

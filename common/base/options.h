@@ -19,7 +19,8 @@ enum lw_option_kind {
 struct lw_option {
     const char *name;     /* without dashes: "frame-rate"; one letter ("o") is written -o */
     const char *argument; /* as shown in help: "HZ"; NULL for a flag */
-    /* One sentence; says the default. NULL: for our own programs, so --help and hints leave it out. */
+    /* One sentence, with a place for the default, such as {} (options_value.h). NULL: for our own programs,
+     * so --help and hints leave it out. */
     const char *help;
     enum lw_option_kind kind;
     void *value;     /* has the kind's type; holds the default before parsing */
@@ -41,8 +42,8 @@ struct lw_options {
  * both work.
  * --help and --version print to stdout and set *out_done: the program then ends with exit code 0.
  * Short names take -o VALUE and -oVALUE. An option's last value counts.
- * Errors: LW_USAGE, naming the option and what it accepts; LW_IO where help cannot be written. Values and
- * positionals met before the error are already set. out_positional_count may be NULL. */
+ * Errors: LW_USAGE, naming the option and what it accepts; LW_IO where help cannot be written; LW_NO_MEMORY.
+ * Values and positionals met before the error are already set. out_positional_count may be NULL. */
 LW_MUST_CHECK enum lw_status lw_options_parse(const struct lw_options *options, int argc, char **argv,
                                               size_t *out_positional_count, bool *out_done,
                                               struct lw_error *err);

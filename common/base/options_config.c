@@ -1,10 +1,10 @@
 #include "common/base/options_config.h"
 
+#include "common/base/options_value.h"
+
 #include <ctype.h>
 #include <errno.h>
 #include <ini.h>
-#include <inttypes.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -165,17 +165,6 @@ enum lw_status lw_options_config_parse(struct lw_options_config *config, const s
 
 static bool in_range(const struct lw_option *o, double value) { return value >= o->min && value <= o->max; }
 
-static void print_real(FILE *stream, double value) {
-    char text[40];
-    const bool single = value == (double)(float)value; /* it came from a float, or is one all the same */
-    for (int digits = 6; digits <= 17; digits++) {     /* as short as it is exact */
-        snprintf(text, sizeof text, "%.*g", digits, value);
-        const double back = strtod(text, NULL);
-        if (single ? (float)back == (float)value : back == value) break;
-    }
-    fputs(text, stream);
-}
-
 static void print_option(FILE *stream, const struct lw_option *o) {
     const double real = o->kind == LW_OPTION_REAL  ? *(const double *)o->value
                         : o->kind == LW_OPTION_INT ? (double)*(const int64_t *)o->value
@@ -189,32 +178,7 @@ static void print_option(FILE *stream, const struct lw_option *o) {
         return;
     }
     fputc(' ', stream);
-    switch (o->kind) {
-    case LW_OPTION_FLAG:
-        fputs(*(const bool *)o->value ? "true" : "false", stream);
-        break;
-    case LW_OPTION_STRING:
-        fputs(*(const char *const *)o->value, stream);
-        break;
-    case LW_OPTION_INT:
-        fprintf(stream, "%" PRId64, *(const int64_t *)o->value);
-        break;
-    case LW_OPTION_REAL:
-        print_real(stream, real);
-        break;
-    case LW_OPTION_RGB:
-        for (int c = 0; c < 3; c++) {
-            if (c) fputc(',', stream);
-            print_real(stream, (double)((const float *)o->value)[c]);
-        }
-        break;
-    case LW_OPTION_CHOICE: {
-        const char *choice = o->argument;
-        for (int i = *(const int *)o->value; i > 0; i--) choice += strcspn(choice, "|") + 1;
-        fprintf(stream, "%.*s", (int)strcspn(choice, "|"), choice);
-        break;
-    }
-    }
+    lw_options_value_write(o, stream);
     fputc('\n', stream);
 }
 

@@ -18,7 +18,7 @@
 #define LW_IMPORT_SPAWN_SECONDS_HELP                                                                         \
     "processor time, s, that reading a scene and laying out its lightmaps may take, of all threads "         \
     "together "                                                                                              \
-    "(default 3600)"
+    "(default " LW_LIGHTMAP_NUMBER(LW_IMPORT_SPAWN_SECONDS) ")"
 /* Texels of all pictures of a scene. They take 4 bytes each, and as much again while the package is
  * written. */
 #define LW_IMPORT_SPAWN_PICTURES_HELP                                                                        \
@@ -29,7 +29,7 @@
 #define LW_IMPORT_SPAWN_MATERIALS "full|matt"
 #define LW_IMPORT_SPAWN_MATERIALS_HELP                                                                       \
     "full: surfaces have the gloss, normal maps and occlusion of the file; matt: none of them "              \
-    "(default full)"
+    "(default {})"
 enum lw_import_spawn_materials { LW_IMPORT_SPAWN_FULL, LW_IMPORT_SPAWN_MATT };
 
 struct lw_import_spawn_desc {

@@ -99,6 +99,8 @@ static void stage_end(struct stage *stage) {
 
 /* ---- command line ---- */
 
+_Static_assert(LW_IMAGE_FILE_TEXELS == 268435456u, "LW_IMPORT_SPAWN_PICTURES_HELP says it in digits");
+
 static enum lw_status parse(int argc, char **argv, struct arguments *arguments, bool *out_done,
                             struct lw_error *err) {
     const struct lw_option table[] = {
@@ -137,7 +139,7 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
         {.name = "scale",
          .argument = "S",
          .help =
-             "scale all lengths by S, after the file's own unit: 0.01 for an OBJ in centimetres (default 1)",
+             "scale all lengths by S, after the file's own unit: 0.01 for an OBJ in centimetres (default {})",
          .kind = LW_OPTION_REAL,
          .value = &arguments->scale,
          .min = SCALE_MIN,
@@ -145,7 +147,7 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
         {.name = "sides",
          .argument = "auto|one|two",
          .help = "sides of surfaces in OBJ, PLY, FBX, Collada and STL, which mostly do not say. auto: one "
-                 "side where a surface is closed or emits, else two (default)",
+                 "side where a surface is closed or emits, else two{auto}",
          .kind = LW_OPTION_CHOICE,
          .value = &arguments->sides},
         {.name = "read-seconds",
@@ -182,7 +184,7 @@ static enum lw_status parse(int argc, char **argv, struct arguments *arguments, 
          .value = &arguments->environment},
         {.name = "threads",
          .argument = "N",
-         .help = "threads to use (default: 0, all)",
+         .help = "threads to use (default: {}, all)",
          .kind = LW_OPTION_INT,
          .value = &arguments->threads,
          .min = 0,

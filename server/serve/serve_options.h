@@ -36,7 +36,7 @@ struct lw_serve_options {
 /** Rows of an option table. options: a struct lw_serve_options. */
 #define LW_SERVE_OPTIONS(options)                                                                            \
     {"listen", "HOST:PORT",                                                                                  \
-     "where to serve (default " LW_OPTIONS_ADDRESS "; port 0 picks one)",                                    \
+     "where to serve (default {}; port 0 picks one)",                                                        \
      LW_OPTION_STRING, &(options)->listen, 0, 0, NULL},                                                      \
     {"listen-unix", "PATH",                                                                                  \
      "serve this user and root alone, on this Unix socket, and neither --listen nor --http: for a "          \
@@ -46,8 +46,8 @@ struct lw_serve_options {
      "write the port to this file once the server serves",                                                   \
      LW_OPTION_STRING, &(options)->port_file, 0, 0, NULL},                                                   \
     {"http", "HOST:PORT|none",                                                                               \
-     "where to serve the browser client, and WebSockets at /ws (default " LW_SERVE_OPTIONS_HTTP              \
-     "; port 0 picks one)",                                                                                  \
+     "where to serve the browser client, and WebSockets at /ws (default {}; port 0 "                        \
+     "picks one)",                                                                                  \
      LW_OPTION_STRING, &(options)->http, 0, 0, &(options)->http_given},                                      \
     {"http-port-file", "FILE",                                                                               \
      "write the port of --http to this file once the server serves",                                         \
@@ -70,7 +70,7 @@ struct lw_serve_options {
      "write the port of --metrics to this file once the server serves",                                      \
      LW_OPTION_STRING, &(options)->metrics_port_file, 0, 0, NULL},                                           \
     {"control-socket", "PATH|auto|none",                                                                     \
-     "the Unix socket through which this user and root change the scene (default auto: PORT.sock in "        \
+     "the Unix socket through which this user and root change the scene (default {}: PORT.sock in "        \
      "$XDG_RUNTIME_DIR/lightwell or /run/lightwell, where lightwellctl looks for it)",                       \
      LW_OPTION_STRING, &(options)->control_socket, 0, 0, NULL},                                              \
     {"tokens", "FILE",                                                                                       \
@@ -104,7 +104,7 @@ struct lw_serve_options {
      "programs, ws://HOST:PORT/ws or wss://HOST:PORT/ws for pages (default: none)",                          \
      LW_OPTION_STRING, &(options)->servers, 0, 0, NULL},                                                     \
     {"return-after", "SECONDS",                                                                              \
-     "seconds after which clients come back when the server ends; 0: the server names no time (default 2)",  \
+     "seconds after which clients come back when the server ends; 0: the server names no time (default {})", \
      LW_OPTION_REAL, &(options)->return_s, 0, 3600, NULL}
 /* clang-format on */
 

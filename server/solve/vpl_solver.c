@@ -31,7 +31,8 @@ enum lw_status lw_vpl_solver_check(const struct lw_solver_desc *desc, struct lw_
         return lw_status_fail(err, LW_USAGE, "there are at most %u sets of them (--vpl-sets)",
                               LW_VPL_SETS_MAX);
     const uint32_t lights = terms->lights ? terms->lights : LW_VPL_LIGHTS_DEFAULT,
-                   least = (terms->sets ? terms->sets : 1) * (desc->bounces ? desc->bounces : 1);
+                   least = (terms->sets ? terms->sets : LW_VPL_SETS_DEFAULT) *
+                           (desc->bounces ? desc->bounces : 1);
     if (lights < least)
         return lw_status_fail(err, LW_USAGE,
                               "--vpl-lights %u: with these --vpl-sets and --bounces there are %u at least",
@@ -39,7 +40,9 @@ enum lw_status lw_vpl_solver_check(const struct lw_solver_desc *desc, struct lw_
     return LW_OK;
 }
 
-static uint32_t sets_of(const struct lw_patch_solver *p) { return p->desc.vpl.sets ? p->desc.vpl.sets : 1; }
+static uint32_t sets_of(const struct lw_patch_solver *p) {
+    return p->desc.vpl.sets ? p->desc.vpl.sets : LW_VPL_SETS_DEFAULT;
+}
 
 static uint64_t steps(const struct lw_patch_solver *p) {
     return p->desc.bounces ? p->patches.packet_count : 0;

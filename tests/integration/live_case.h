@@ -8,6 +8,7 @@
 #include "tests/support/process.h"
 #include "tests/support/support.h"
 
+#include <math.h>
 #include <string.h>
 
 #define LIMIT_S  LW_PROCESS_LIMIT_S
@@ -49,6 +50,23 @@ static inline void open_with(const struct lw_live_desc *desc) {
         assert_true(lw_clock_ns() < end_ns);
         ok(lw_live_poll(live, 20, &err));
     }
+}
+
+/* Column by column, as OpenGL's. */
+static inline struct lw_live_view view_of(const struct lw_live_camera *c, uint32_t width, uint32_t height) {
+    const float up = 1 / tanf(c->fov_y / 2), right = up * (float)height / (float)width;
+    struct lw_live_view view = {.struct_size = sizeof view, .width = width, .height = height};
+    const float *axis[4] = {c->right_ws, c->up_ws, c->forward_ws, c->forward_ws},
+                scale[4] = {right, up, 1, 1};
+    for (int r = 0; r < 4; r++) {
+        float at = 0;
+        for (int k = 0; k < 3; k++) {
+            view.view_projection[4 * k + r] = scale[r] * axis[r][k];
+            at -= axis[r][k] * c->position_ws[k];
+        }
+        view.view_projection[12 + r] = scale[r] * at;
+    }
+    return view;
 }
 
 #endif

@@ -3,11 +3,11 @@
 
 #include "common/base/token.h"
 
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static struct lw_process server;
 
@@ -16,8 +16,7 @@ static const char *make_token(const char *role, const char *name) {
     struct lw_process ctl;
     char arguments[40];
     snprintf(arguments, sizeof arguments, "token %s", role);
-    lw_process_start(&ctl, "lightwellctl", arguments);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
+    lw_process_run(&ctl, "lightwellctl", arguments, 0);
     char *line = lw_process_out(&ctl);
     assert_int_equal(strlen(line), strlen(role) + 1 + 2 * LW_TOKEN_SIZE + 1);
     const char *path = lw_support_temporary(name);
@@ -93,7 +92,7 @@ static void test_programs_with_tokens(void **state) {
     free(line);
     assert_int_equal(chmod(view, 0644), 0);
     assert_int_equal(run("lightwellctl", "status", view, "--token-file: "), 65);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 static void test_programs_by_the_control_socket(void **state) {
@@ -104,19 +103,17 @@ static void test_programs_by_the_control_socket(void **state) {
     assert_int_equal(mkdir(lw_support_temporary("runtime"), 0700), 0);
     lw_process_serve(&server, "builtin:cornell --http none --freeze 0");
     assert_int_equal(run("lightwellctl", "sky 1 1 1", NULL, NULL), 0); /* found by the port */
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
     snprintf(arguments, sizeof arguments, "builtin:cornell --http none --freeze 0 --control-socket %s", path);
     lw_process_serve(&server, arguments);
     assert_int_equal(run("lightwellctl", "sky 1 1 1", NULL, "a token for control"), 69);
     struct lw_process ctl;
     snprintf(arguments, sizeof arguments, "unix:%s sky 1 1 1", path);
-    lw_process_start(&ctl, "lightwellctl", arguments);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_run(&ctl, "lightwellctl", arguments, 0);
+    lw_process_end(&server);
     assert_int_equal(rmdir(lw_support_temporary("runtime/lightwell")), 0); /* the socket has gone */
     assert_int_equal(rmdir(lw_support_temporary("runtime")), 0);
-    lw_process_start(&ctl, "lightwellctl", arguments);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 69);
+    lw_process_run(&ctl, "lightwellctl", arguments, 69);
 }
 
 int main(void) {

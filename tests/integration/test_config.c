@@ -17,8 +17,7 @@ static const char *file_of(const char *text) {
 /* What it prints on stdout; it has to end with 0. */
 static char *run(const char *arguments) {
     struct lw_process daemon;
-    lw_process_start(&daemon, "lightwelld", arguments);
-    lw_process_expect(&daemon, lw_process_finish(&daemon, LIMIT_S), 0);
+    lw_process_run(&daemon, "lightwelld", arguments, 0);
     return lw_process_out(&daemon);
 }
 

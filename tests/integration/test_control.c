@@ -72,20 +72,6 @@ static struct lw_scene *build_scene(void) {
     return scene;
 }
 
-static uint32_t object_named(const struct lw_scene *scene, const char *name) {
-    for (uint32_t o = 0; o < scene->object_count; o++)
-        if (strcmp(scene->object[o].name, name) == 0) return o;
-    fail_msg("no object %s", name);
-    return 0;
-}
-
-static struct lw_material *material_named(struct lw_scene *scene, const char *name) {
-    for (uint32_t m = 0; m < scene->material_count; m++)
-        if (strcmp(scene->material[m].name, name) == 0) return &scene->material[m];
-    fail_msg("no material %s", name);
-    return NULL;
-}
-
 /* Takes the scene over. */
 static void write_scene(struct lw_scene *scene, const char *path) {
     struct lw_error err = {0};
@@ -101,7 +87,7 @@ static void write_scene(struct lw_scene *scene, const char *path) {
 
 static void write_without_block(void) {
     struct lw_scene *scene = build_scene();
-    const uint32_t block = object_named(scene, "tall-block");
+    const uint32_t block = lw_support_object(scene, "tall-block");
     scene->object[block] = scene->object[--scene->object_count];
     write_scene(scene, scene_file(HIDDEN));
 }
@@ -109,7 +95,7 @@ static void write_without_block(void) {
 /* With a second block beside the first one. Writes where its middle is, and the mesh that it is of. */
 static void write_with_two_blocks(struct lw_vec3 by, struct lw_vec3 *out_middle, uint32_t *out_mesh) {
     struct lw_scene *scene = build_scene();
-    const uint32_t block = object_named(scene, "tall-block");
+    const uint32_t block = lw_support_object(scene, "tall-block");
     struct lw_node *node = lw_scene_alloc(scene, scene->node_count + 1, sizeof *node);
     struct lw_object *object = lw_scene_alloc(scene, scene->object_count + 1, sizeof *object);
     memcpy(node, scene->node, scene->node_count * sizeof *node);
@@ -323,7 +309,7 @@ static void test_objects(void **state) {
     wait_until_near(&reference, 0.03);
     free(reference.rgb);
     struct lw_scene *scene = build_scene();
-    const uint32_t block = object_named(scene, "tall-block");
+    const uint32_t block = lw_support_object(scene, "tall-block");
     scene->node[scene->object[block].node].translation[0] += 0.5f;
     scene->node[scene->object[block].node].translation[1] += 0.4f;
     write_scene(scene, scene_file(MOVED));
@@ -381,8 +367,8 @@ static void test_materials_and_sky(void **state) {
     (void)state;
     change("reset");
     struct lw_scene *scene = build_scene();
-    memcpy(material_named(scene, "red")->base_colour, (float[]){0.1f, 0.2f, 0.8f}, sizeof(float[3]));
-    memcpy(material_named(scene, "green")->emission, (float[]){0, 1, 2}, sizeof(float[3]));
+    memcpy(lw_support_material(scene, "red")->base_colour, (float[]){0.1f, 0.2f, 0.8f}, sizeof(float[3]));
+    memcpy(lw_support_material(scene, "green")->emission, (float[]){0, 1, 2}, sizeof(float[3]));
     memcpy(scene->sky, (float[]){0.5f, 0.25f, 0.125f}, sizeof(float[3]));
     write_scene(scene, scene_file(PAINTED));
     expect_change("material red albedo 0.1 0.2 0.8 -- material green emission 0 1 2 -- sky 0.5 0.25 0.125",

@@ -91,8 +91,7 @@ static void a_damaged_one_is_reported_and_healed(void **state) {
     snprintf(folder_path, sizeof folder_path, "%s", lw_support_temporary("damaged"));
     snprintf(arguments, sizeof arguments, "127.0.0.1:%u list --cache %s", server.port, folder_path);
     for (unsigned run = 0; run < 3; run++) {
-        lw_process_start(&ctl, "lightwellctl", arguments);
-        lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
+        lw_process_run(&ctl, "lightwellctl", arguments, 0);
         char *said = lw_process_err(&ctl), *warning = strstr(said, "is damaged or cannot be read");
         if ((warning != NULL) != (run == 1)) fail_msg("run %u: %s", run, said);
         if (warning) assert_null(strstr(warning + 1, "is damaged"));

@@ -29,13 +29,6 @@ static struct lw_scene *load(const char *path) {
     return scene;
 }
 
-static uint64_t triangles_of(const struct lw_scene *scene) {
-    uint64_t count = 0;
-    for (uint32_t i = 0; i < scene->object_count; i++)
-        count += scene->mesh[scene->object[i].mesh].triangle_count;
-    return count;
-}
-
 struct bounds {
     struct lw_vec3 min, max;
 };
@@ -60,7 +53,7 @@ static void assert_near(struct lw_vec3 a, struct lw_vec3 b, float tolerance, con
 static void the_cornell_box_of_obj_arrives(void **state) {
     (void)state;
     struct lw_scene *scene = load(lw_support_scene("cornell-obj/CornellBox-Original.obj"));
-    assert_int_equal(triangles_of(scene), 36);
+    assert_int_equal(lw_support_triangles(scene), 36);
     struct bounds bounds = bounds_of(scene); /* the extremes of its "v" lines */
     assert_near(bounds.min, lw_vec3(-1.02f, 0, -1.04f), 1e-5f, "lowest corner");
     assert_near(bounds.max, lw_vec3(1, 1.99f, 0.99f), 1e-5f, "highest corner");
@@ -86,7 +79,7 @@ static void the_cornell_box_of_obj_arrives(void **state) {
     assert_true(reds >= 1);
     lw_scene_destroy(scene);
     scene = load(lw_support_scene("cornell-obj/cornell_box_multimaterial.obj"));
-    assert_int_equal(triangles_of(scene), 36);
+    assert_int_equal(lw_support_triangles(scene), 36);
     lw_scene_destroy(scene);
 }
 
@@ -155,9 +148,9 @@ static void a_scene_is_the_same_through_every_format(void **state) {
                 skip();
             }
             struct lw_scene *copy = load(path);
-            if (triangles_of(copy) != triangles_of(source))
+            if (lw_support_triangles(copy) != lw_support_triangles(source))
                 fail_msg("%s as %s has %llu triangles", scenes[s].path, formats[f].format,
-                         (unsigned long long)triangles_of(copy));
+                         (unsigned long long)lw_support_triangles(copy));
             struct bounds bounds = bounds_of(copy);
             assert_near(lw_vec3_scale(bounds.min, formats[f].factor), expected.min, 1e-5f * size, path);
             assert_near(lw_vec3_scale(bounds.max, formats[f].factor), expected.max, 1e-5f * size, path);

@@ -1,4 +1,5 @@
 /* The real lightwelld, ended and started again with --keep. */
+#include "tests/support/client_light.h"
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
@@ -75,15 +76,6 @@ static float least_error(const struct lw_client *client) {
     return least;
 }
 
-static double total_light(const struct lw_client *client) {
-    double sum = 0;
-    for (uint32_t o = 0; o < lw_client_atlas_map(client)->object_count; o++) {
-        struct lw_client_level level = lw_client_get_level(client, o, 0);
-        for (uint32_t i = 0; i < level.width * level.height; i++) sum += (double)level.rgb[3 * i + 1];
-    }
-    return sum;
-}
-
 static void wait_for_all(struct run *run) {
     const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (!has_all(run->client, 1)) {
@@ -102,18 +94,11 @@ static void wait_for_rest(struct run *run) {
     }
 }
 
-static bool said(const struct run *run, const char *text) {
-    char *err = lw_process_err(&run->daemon);
-    const bool found = strstr(err, text) != NULL;
-    free(err);
-    return found;
-}
-
 /* The client leaves first: a server waits for those that do not take its goodbye. */
 static void end(struct run *run) {
     lw_client_destroy(run->client);
     run->client = NULL;
-    assert_int_equal(lw_process_stop(&run->daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&run->daemon);
 }
 
 static int choose_folder(void **state) {
@@ -139,18 +124,19 @@ static void a_converged_scene_costs_no_ray_again(void **state) {
     struct run run;
     begin(&run, CORNELL);
     wait_for_rest(&run);
-    const double light = total_light(run.client), frames = lw_process_newest(&run.daemon, "published");
+    const double light = client_light_total(run.client), frames = lw_process_newest(&run.daemon, "published");
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 1e4);
     end(&run);
     for (int again = 0; again < 2; again++) { /* restored light is kept again */
         begin(&run, CORNELL);
         wait_for_rest(&run);
         while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
-        assert_true(said(&run, "showing frame") && said(&run, "going on after"));
+        assert_true(lw_process_said(&run.daemon, "showing frame") &&
+                    lw_process_said(&run.daemon, "going on after"));
         assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
         assert_true(lw_process_newest(&run.daemon, "frame") >
                     frames); /* versions go on, since clients may hold any of them */
-        assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
+        assert_true(fabs(client_light_total(run.client) - light) < 0.01 * light);
         end(&run);
     }
 }
@@ -189,7 +175,8 @@ static void directions_are_there_at_once(void **state) {
         if (lw_clock_ns() > deadline_ns) fail_msg("not all directions within %u s", LIMIT_S);
     }
     while (lw_process_newest(&run.daemon, "frame") < 3) poll_once(&run);
-    assert_true(said(&run, "showing frame") && said(&run, "going on after"));
+    assert_true(lw_process_said(&run.daemon, "showing frame") &&
+                lw_process_said(&run.daemon, "going on after"));
     assert_true(lw_process_newest(&run.daemon, "rays_total") == 0);
     assert_true(lw_vec3_length(lw_vec3_sub(again, sum)) < 0.01f * (float)known);
     end(&run);
@@ -202,7 +189,7 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     struct run run;
     begin(&run, CORNELL);
     wait_for_rest(&run);
-    const double light = total_light(run.client);
+    const double light = client_light_total(run.client);
     end(&run);
 
     begin(&run, CORNELL);
@@ -216,7 +203,7 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
     struct lw_error err = {0};
     lw_support_ok(lw_client_update(run.client, &change, 1, NULL, &err), &err);
     const uint64_t deadline_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
-    while (total_light(run.client) > 0.1 * light) {
+    while (client_light_total(run.client) > 0.1 * light) {
         poll_once(&run);
         assert_true(lw_clock_ns() < deadline_ns);
     }
@@ -224,10 +211,10 @@ static void changed_light_is_no_light_of_the_scene(void **state) {
 
     begin(&run, CORNELL);
     wait_for_all(&run);
-    if (total_light(run.client) < 0.1 * light) assert_true(least_error(run.client) >= 2 * TARGET);
-    while (!said(&run, "first light")) poll_once(&run);
+    if (client_light_total(run.client) < 0.1 * light) assert_true(least_error(run.client) >= 2 * TARGET);
+    while (!lw_process_said(&run.daemon, "first light")) poll_once(&run);
     wait_for_rest(&run);
-    assert_true(fabs(total_light(run.client) - light) < 0.01 * light);
+    assert_true(fabs(client_light_total(run.client) - light) < 0.01 * light);
     assert_true(lw_process_newest(&run.daemon, "rays_total") ==
                 0); /* the sums of before are still there, and are right */
     end(&run);
@@ -254,7 +241,7 @@ static void kill_it(struct run *run) {
 }
 
 static void wait_for_first_light(struct run *run) {
-    while (!said(run, "first light")) poll_once(run);
+    while (!lw_process_said(&run->daemon, "first light")) poll_once(run);
     wait_for_rest(run);
 }
 
@@ -265,7 +252,7 @@ static void what_was_answered_outlives_a_kill(void **state) {
     struct run run;
     begin(&run, CORNELL "--keep-changes");
     wait_for_rest(&run);
-    const double light = total_light(run.client);
+    const double light = client_light_total(run.client);
     struct lw_scene_change change[] = {
         {.kind = LW_SCENE_CHANGE_MATERIAL_EMISSION, .value_count = 3},
         {.kind = LW_SCENE_CHANGE_OBJECT_HIDE, .target = 5},
@@ -276,17 +263,17 @@ static void what_was_answered_outlives_a_kill(void **state) {
     kill_it(&run);
 
     begin(&run, CORNELL "--keep-changes");
-    assert_true(said(&run, "as clients have changed it"));
+    assert_true(lw_process_said(&run.daemon, "as clients have changed it"));
     wait_for_first_light(&run);
     assert_true(lw_client_object_hidden(run.client, 5));
-    assert_true(total_light(run.client) < 0.01 * light);
+    assert_true(client_light_total(run.client) < 0.01 * light);
     expect_done(&run, &(struct lw_scene_change){.kind = LW_SCENE_CHANGE_RESET}, 1);
     kill_it(&run);
 
     begin(&run, CORNELL "--keep-changes");
     wait_for_first_light(&run);
     assert_false(lw_client_object_hidden(run.client, 5));
-    assert_true(fabs(total_light(run.client) - light) < 0.02 * light);
+    assert_true(fabs(client_light_total(run.client) - light) < 0.02 * light);
     expect_done(&run, change, 2);
     end(&run);
 
@@ -316,7 +303,7 @@ static void moving_light_is_shown_until_there_is_more(void **state) {
 
     begin(&run, moving);
     wait_for_all(&run);
-    assert_true(said(&run, "showing frame"));
+    assert_true(lw_process_said(&run.daemon, "showing frame"));
     while (!has_all(run.client, (uint64_t)last + 1)) poll_once(&run); /* all of it is replaced */
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 0);
     end(&run);
@@ -330,8 +317,9 @@ static void other_options_light_afresh(void **state) {
     end(&run);
     begin(&run, CORNELL "--bounces 1");
     wait_for_rest(&run);
-    assert_true(said(&run, "of another scene, of other options or of another release; lighting afresh"));
-    assert_false(said(&run, "showing frame") || said(&run, "going on"));
+    assert_true(lw_process_said(&run.daemon,
+                                "of another scene, of other options or of another release; lighting afresh"));
+    assert_false(lw_process_said(&run.daemon, "showing frame") || lw_process_said(&run.daemon, "going on"));
     assert_true(lw_process_newest(&run.daemon, "rays_total") > 0);
     end(&run);
 }
@@ -341,9 +329,7 @@ static void a_folder_that_cannot_be_is_named(void **state) {
     struct lw_process daemon;
     lw_process_start(&daemon, "lightwelld", "builtin:cornell --listen 127.0.0.1:0 --keep /dev/null/light");
     assert_int_equal(lw_process_finish(&daemon, LIMIT_S), 73);
-    char *err = lw_process_err(&daemon);
-    assert_non_null(strstr(err, "--keep: /dev/null/light: cannot make this folder"));
-    free(err);
+    assert_true(lw_process_said(&daemon, "--keep: /dev/null/light: cannot make this folder"));
 }
 
 /* A frame that takes long does not keep a stop waiting: the light of the last whole one is saved, without
@@ -362,7 +348,7 @@ static void a_long_frame_is_given_up(void **state) {
     unsetenv("LD_PRELOAD");
     wait_for_all(&run);
     end(&run);
-    assert_true(said(&run, "the frame under way is given up"));
+    assert_true(lw_process_said(&run.daemon, "the frame under way is given up"));
     snprintf(path, sizeof path, "%s/shown", folder);
     assert_int_equal(access(path, F_OK), 0);
     snprintf(path, sizeof path, "%s/sums", folder);
@@ -393,7 +379,8 @@ static void light_that_cannot_be_kept_is_a_failure(void **state) {
     assert_int_equal(rmdir(folder), 0);
     lw_client_destroy(run.client);
     assert_int_equal(lw_process_stop(&run.daemon, SIGTERM, LIMIT_S), 74);
-    assert_true(said(&run, "error: the light is not kept: ") && said(&run, folder));
+    assert_true(lw_process_said(&run.daemon, "error: the light is not kept: ") &&
+                lw_process_said(&run.daemon, folder));
 }
 
 static void unfinished_saves_are_removed(void **state) {
@@ -409,7 +396,7 @@ static void unfinished_saves_are_removed(void **state) {
         lw_support_write_file(path, "half", 4);
     }
     begin(&run, CORNELL);
-    assert_true(said(&run, "removed 2 unfinished files"));
+    assert_true(lw_process_said(&run.daemon, "removed 2 unfinished files"));
     for (int i = 0; i < 3; i++) {
         snprintf(path, sizeof path, "%s/%s", folder, names[i]);
         assert_int_equal(access(path, F_OK), i == 2 ? 0 : -1); /* a file that is not ours stays */
@@ -426,7 +413,7 @@ static bool knows_texels(const char *cache, const char *clock) {
     lw_process_serve(&daemon, arguments);
     lw_process_await_text(&daemon, "first light after");
     lw_process_await_text(&daemon, "lie inside or behind other objects");
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     char *err = lw_process_err(&daemon);
     const bool knows = strstr(err, "known from an earlier start") != NULL;
     free(err);

@@ -37,22 +37,11 @@ static struct lw_live_finer finer(void) {
 
 static uint32_t the_floor(void) { return lw_live_find(live, LW_LIVE_KIND_OBJECT, "floor", 0); }
 
-/* Column by column, as OpenGL's. */
-static struct lw_live_view view_of(uint32_t width, uint32_t height) {
+/* The view of the scene's first camera. */
+static struct lw_live_view first_view(uint32_t width, uint32_t height) {
     struct lw_live_camera c = {.struct_size = sizeof c};
     ok(lw_live_get_camera(live, 0, &c, &err));
-    const float up = 1 / tanf(c.fov_y / 2), right = up * (float)height / (float)width;
-    struct lw_live_view view = {.struct_size = sizeof view, .width = width, .height = height};
-    const float *axis[4] = {c.right_ws, c.up_ws, c.forward_ws, c.forward_ws}, scale[4] = {right, up, 1, 1};
-    for (int r = 0; r < 4; r++) {
-        float at = 0;
-        for (int k = 0; k < 3; k++) {
-            view.view_projection[4 * k + r] = scale[r] * axis[r][k];
-            at -= axis[r][k] * c.position_ws[k];
-        }
-        view.view_projection[12 + r] = scale[r] * at;
-    }
-    return view;
+    return view_of(&c, width, height);
 }
 
 /* ---- an engine's pool ---- */
@@ -126,7 +115,7 @@ static void test_a_view_fills_the_pool(void **state) {
     assert_int_equal(has.slot_count, SLOTS);
     assert_true(has.page_count > 100);
     assert_int_equal(has.slots_used, 0);
-    const struct lw_live_view view = view_of(1280, 720);
+    const struct lw_live_view view = first_view(1280, 720);
     draw_until(&view, 6);
     print_message("%u of %u slots used, filled %u times\n", finer().slots_used, SLOTS, pool.filled);
     uint32_t beside = 0;
@@ -267,7 +256,7 @@ static void test_wrong_lists(void **state) {
     assert_int_equal(lw_live_take_slots(live, 0, 0, NULL, 0), 0);
     draw_until(NULL, 2); /* the good list holds */
     /* views that show more than there are slots want fewer, coarser ones */
-    const struct lw_live_view view = view_of(2560, 1440);
+    const struct lw_live_view view = first_view(2560, 1440);
     draw_until(&view, 3);
     assert_int_equal(finer().slots_used, 3);
 }
@@ -298,7 +287,7 @@ static void test_without_finer_levels(void **state) {
     assert_int_equal(finer().level_count, 0);
     assert_int_equal(finer().slot_count, SLOTS);
     fails(lw_live_want_rects(live, &rect, 1, &err), LW_LIVE_UNAVAILABLE, "the server has 0 finer levels");
-    const struct lw_live_view view = view_of(1280, 720);
+    const struct lw_live_view view = first_view(1280, 720);
     ok(lw_live_want_views(live, &view, 1, &err));
     ok(lw_live_poll(live, 5, &err));
     assert_int_equal(lw_live_take_slots(live, 1, 0, pool.slot, SLOTS), 0);

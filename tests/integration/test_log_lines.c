@@ -71,11 +71,9 @@ static void test_no_secrets(void **state) {
              tokens);
     lw_process_serve(&daemon, line);
     snprintf(line, sizeof line, "127.0.0.1:%u --token-file %s light lamp off", daemon.port, other);
-    lw_process_start(&ctl, "lightwellctl", line);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 77);
+    lw_process_run(&ctl, "lightwellctl", line, 77);
     snprintf(line, sizeof line, "127.0.0.1:%u --token-file %s list", daemon.port, tokens);
-    lw_process_start(&ctl, "lightwellctl", line);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LIMIT_S), 0);
+    lw_process_run(&ctl, "lightwellctl", line, 0);
     lw_process_expect(&daemon, lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
     char *said = lw_process_err(&daemon);
     assert_non_null(strstr(said, "session 1"));

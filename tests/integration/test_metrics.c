@@ -4,7 +4,6 @@
 
 #include <ctype.h>
 #include <fcntl.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -140,8 +139,7 @@ static void test_clients_are_counted(void **state) {
     assert_int_equal(ask("/metrics", &before), 200);
     assert_true(value_of(before, "lightwell_opened_sessions_total") == 0);
     snprintf(arguments, sizeof arguments, "127.0.0.1:%u --users 3 --seconds 2", daemon_process.port);
-    lw_process_start(&load, "lightwell-load", arguments);
-    lw_process_expect(&load, lw_process_finish(&load, LIMIT_S), 0);
+    lw_process_run(&load, "lightwell-load", arguments, 0);
     assert_true(lw_process_await(&daemon_process, has_no_session, NULL));
     assert_int_equal(ask("/metrics", &after), 200);
     static const char *const grows[] = {"lightwell_sent_bytes_total",
@@ -256,7 +254,7 @@ static void test_who_may_ask(void **state) {
     assert_int_equal(
         lw_web_peer_upgrade(s, "/ws", "Host: localhost\r\nSec-WebSocket-Protocol: lightwell\r\n"), 404);
     close(s);
-    assert_int_equal(lw_process_stop(&daemon_process, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon_process);
 }
 
 static void test_wrong_addresses(void **state) {

@@ -3,7 +3,6 @@
 #include "tests/support/nats_case.h"
 #include "tests/support/relays.h"
 
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -71,7 +70,7 @@ static void light_comes_by_tls(void **state) {
     lw_relays_rest(&server);
     for (size_t i = 0; i < 2; i++) {
         snprintf(options, sizeof options, "%s%s", i ? "--tls --ca " : "--tls-insecure", i ? certificate : "");
-        assert_int_equal(lw_process_stop(&relay, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+        lw_process_end(&relay);
         lw_relays_start(&relay, address("localhost"), options);
         lw_relays_reconnect(1);
         lw_relays_expect_same();
@@ -98,7 +97,7 @@ static void relay_says(const char *options, const char *said) {
     snprintf(arguments, sizeof arguments, "%s --listen 127.0.0.1:0 --http none %s", address(NULL), options);
     lw_process_start(&relay, "lightwell-relay", arguments);
     lw_process_await_text(&relay, said);
-    assert_int_equal(lw_process_stop(&relay, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&relay);
 }
 
 static void refuses_with(const char *ca, int code, const char *said) {

@@ -237,7 +237,7 @@ static void light_stays_while_the_daemon_is_gone(void **state) {
     lw_relays_client[2] = NULL;
     lw_relays_join(1, relay[0].port);
     lw_relays_expect_same();
-    assert_int_equal(lw_process_stop(&relay[0], SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&relay[0]);
 }
 
 /* Another scene at the same port: clients are asked to come back, and find it. */
@@ -435,7 +435,7 @@ static void a_loop_of_relays_is_refused(void **state) {
     lw_relays_join(0, relay[1].port);
     lw_relays_wait(lw_relays_all_rest);
     /* the first one comes again, and may take light from the second */
-    assert_int_equal(lw_process_stop(&relay[0], SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&relay[0]);
     snprintf(upstream, sizeof upstream, "127.0.0.1:%u,127.0.0.1:%u", server.port, relay[1].port);
     lw_relays_start(&relay[0], upstream, "");
     lw_process_await_text(&relay[1], "is there: light goes on");
@@ -475,7 +475,7 @@ static void the_tree_is_shown(void **state) {
         lw_client_destroy(lw_relays_client[i]);
         lw_relays_client[i] = NULL;
     }
-    assert_int_equal(lw_process_stop(&relay[1], SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&relay[1]);
     lw_relays_await_not_in_tree(&server, host, relay[1].port);
 }
 

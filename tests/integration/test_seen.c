@@ -6,7 +6,6 @@
 #include "common/base/log.h"
 
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -193,7 +192,7 @@ static void clients_come_and_go(void **state) {
     client[0] = NULL;
     wait_for(&daemon, "tiles_solved", 0, 0);
     assert_int_equal(lw_process_newest(&daemon, "tiles_interest"), 0);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 /* The most that any frame says of a key. */
@@ -220,7 +219,7 @@ static void a_viewer_asks_for_what_it_sees(void **state) {
     wait_for(&daemon, "tiles_solved", 0, 0);
     const double wanted = most(&daemon, "tiles_interest"), tiles = most(&daemon, "tiles");
     if (!(wanted > 0 && wanted < 0.8 * tiles)) fail_msg("%g of %g tiles", wanted, tiles);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 /* By the wall clock it goes on until all is as good as asked for; for --prepare's seconds at most, but those
@@ -233,12 +232,12 @@ static void light_gets_better_before_anybody_looks(void **state) {
     const double tiles = lw_process_newest(&daemon, "tiles");
     wait_for(&daemon, "tiles_converged", tiles, tiles);
     wait_for(&daemon, "tiles_solved", 0, 0);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
     lw_process_serve(&daemon, ROOMS PREPARED "--error 1e-6 --prepare 0.5");
     wait_for(&daemon, "tiles_solved", 1, HUGE_VAL);
     wait_for(&daemon, "tiles_solved", 0, 0);
     assert_true(lw_process_newest(&daemon, "tiles_converged") < lw_process_newest(&daemon, "tiles"));
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 /* The viewer's tiles are solved first, and alone; the rest of the time comes after them. */
@@ -258,7 +257,7 @@ static void preparing_makes_way(void **state) {
     client[0] = NULL;
     wait_for(&daemon, "tiles_interest", all, all);
     wait_for(&daemon, "tiles_solved", 1, HUGE_VAL);
-    assert_int_equal(lw_process_stop(&daemon, SIGTERM, LIMIT_S), 0);
+    lw_process_end(&daemon);
 }
 
 int main(void) {

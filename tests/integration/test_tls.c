@@ -79,7 +79,7 @@ static void test_programs_by_tls(void **state) {
     snprintf(both, sizeof both, "status --tls-insecure --ca %s", certificate);
     runs("lightwellctl", both, 64, "exclude each other");
     runs("lightwellctl", "status --ca /nowhere", 66, "/nowhere");
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 static void test_plain_server(void **state) {
@@ -87,10 +87,8 @@ static void test_plain_server(void **state) {
     lw_process_serve(&server, "builtin:cornell --freeze 0 --control-socket none --http none");
     runs("lightwellctl", "status --tls-insecure", 76, "does not speak TLS: connect without --tls and --ca");
     runs("lightwell-load", "--users 1 --seconds 1 --tls", 76, "does not speak TLS");
-    char *log = lw_process_err(&server);
-    assert_non_null(strstr(log, "it speaks TLS, and this server has no certificate"));
-    free(log);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    assert_true(lw_process_said(&server, "it speaks TLS, and this server has no certificate"));
+    lw_process_end(&server);
 }
 
 /* ---- at the browsers' port ---- */
@@ -184,7 +182,7 @@ static void test_https_and_wss(void **state) {
     assert_non_null(strstr(text, "This server speaks TLS alone"));
     free(text);
     close(plain);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 /* ---- SIGHUP ---- */
@@ -210,7 +208,7 @@ static void test_new_files(void **state) {
     lw_support_ok(lw_tls_stream_write(before.stream, (const uint8_t *)"\0\0\0\0", 4, &before.output), NULL);
     flush(&before); /* an earlier session stays */
     hang_up(&before);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 static void test_bad_options(void **state) {
@@ -245,7 +243,7 @@ static void test_addresses_of_other_machines(void **state) {
                               "--control-socket none");
     await_lines("warning: --listen: other machines can reach 0.0.0.0", 1);
     runs("lightwellctl", "status", 0, NULL);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 #define TOKEN "00112233445566778899aabbccddeeff00112233445566778899aabbccddeeff"
@@ -280,7 +278,7 @@ static void test_monitoring_from_other_machines(void **state) {
     assert_int_equal(status_of("Authorization: Basic " TOKEN "\r\n"), 401);
     assert_int_equal(status_of("Authorization: Bearer 1" TOKEN "\r\n"), 401);
     assert_int_equal(status_of("Authorization: Bearer " TOKEN "\r\n"), 200);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 /* Bytes that are no TLS, or begin as if they were, harm nobody. */
@@ -298,7 +296,7 @@ static void test_garbage(void **state) {
     }
     trusting("lightwellctl", "status");
     for (unsigned i = 0; i < 60; i++) close(peers[i]);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
 }
 
 int main(void) {

@@ -1,4 +1,5 @@
 /* The real lightwelld with clients that draw direct light beside clients that do not. */
+#include "tests/support/client_light.h"
 #include "tests/support/process.h"
 
 #include "client/lib/client.h"
@@ -9,7 +10,6 @@
 #include "server/publish/publisher.h"
 
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,15 +63,9 @@ static void poll_all(void) {
 
 /* The client has every tile, converged, and the server has nothing left to send. */
 static bool is_at_rest(int i) {
-    const struct lw_atlas_map *map = lw_client_atlas_map(client[i]);
     struct lw_client_stats stats;
     lw_client_get_stats(client[i], &stats);
-    if (!map || !stats.frame || stats.settled_frame != stats.frame) return false;
-    for (uint32_t t = 0; t < map->tile_count; t++) {
-        const struct lw_client_tile tile = lw_client_get_tile(client[i], (lw_tile_id){t});
-        if (!tile.version || tile.error > TARGET) return false;
-    }
-    return true;
+    return stats.frame && stats.settled_frame == stats.frame && client_light_is_whole(client[i], TARGET);
 }
 
 static void wait_for_rest(int i) {
@@ -93,23 +87,6 @@ static void wait_for_the_last_frame(void) {
         if (client[i]) wait_for_rest(i);
 }
 
-/* Over the texels of all finest levels. */
-static double total_light(int i) {
-    double sum = 0;
-    for (uint32_t o = 0; o < lw_client_atlas_map(client[i])->object_count; o++) {
-        const struct lw_client_level level = lw_client_get_level(client[i], o, 0);
-        for (uint32_t t = 0; t < 3 * level.width * level.height; t++) sum += (double)level.rgb[t];
-    }
-    return sum;
-}
-
-static bool said(const char *text) {
-    char *err = lw_process_err(&server);
-    const bool found = strstr(err, text) != NULL;
-    free(err);
-    return found;
-}
-
 static uint64_t tiles_of(int i) {
     struct lw_client_stats stats;
     lw_client_get_stats(client[i], &stats);
@@ -127,7 +104,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
         lw_process_await_text(&server, "clients draw the direct light of 1 emissive material, if they can");
         for (int i = 0; i < CLIENTS; i++) join(i);
         for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
-        for (int i = 0; i < CLIENTS; i++) light[bounces / 2][i] = total_light(i);
+        for (int i = 0; i < CLIENTS; i++) light[bounces / 2][i] = client_light_total(client[i]);
         assert_null(lw_client_draws(client[FULL]));
         const struct lw_client_draws *draws = lw_client_draws(client[SPLIT]);
         uint32_t shining = 0, drawn = 0;
@@ -138,7 +115,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
         assert_true(shining == 1 && drawn == 1);
         lw_process_await_frames(&server, 2); /* light may come before its frame's line */
         assert_true(lw_process_newest(&server, "sessions_drawing") == 1);
-        assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+        lw_process_end(&server);
         for (int i = 0; i < CLIENTS; i++) leave(i);
     }
     print_message("direct light: full %.1f, split %.3f; with bounces: full %.1f, split %.1f\n",
@@ -211,7 +188,7 @@ static void directions_for_who_asks(void **state) {
         }
         if (asks_directions) break;
     }
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
     lw_process_serve(&server, CORNELL "--directional off");
     join(FULL);
     wait_for_rest(FULL);
@@ -263,7 +240,7 @@ static void both_forms_follow_changes(void **state) {
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
     double light[CLIENTS];
-    for (int i = 0; i < CLIENTS; i++) light[i] = total_light(i);
+    for (int i = 0; i < CLIENTS; i++) light[i] = client_light_total(client[i]);
     struct lw_scene_change half = {.kind = LW_SCENE_CHANGE_MATERIAL_EMISSION, .value_count = 3};
     const struct lw_scene *scene = lw_client_scene(client[FULL]);
     for (uint32_t m = 0; m < scene->material_count; m++)
@@ -275,7 +252,7 @@ static void both_forms_follow_changes(void **state) {
     lw_support_ok(lw_client_update(client[FULL], &half, 1, NULL, &err), &err);
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     for (int i = 0; i < CLIENTS; i++)
-        while (!is_at_rest(i) || fabs(total_light(i) - 0.5 * light[i]) > 0.05 * light[i]) {
+        while (!is_at_rest(i) || fabs(client_light_total(client[i]) - 0.5 * light[i]) > 0.05 * light[i]) {
             poll_all();
             assert_true(lw_clock_ns() < end_ns);
         }
@@ -287,7 +264,7 @@ static void a_narrow_link_carries_the_second_form(void **state) {
     lw_process_serve(&server, CORNELL "--link-rate 0.3");
     join(SPLIT);
     wait_for_rest(SPLIT);
-    assert_true(total_light(SPLIT) > 0);
+    assert_true(client_light_total(client[SPLIT]) > 0);
 }
 
 static void kept_light_is_there_in_both_forms(void **state) {
@@ -299,18 +276,20 @@ static void kept_light_is_there_in_both_forms(void **state) {
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
     wait_for_the_last_frame();
-    for (int i = 0; i < CLIENTS; i++) light[i] = total_light(i);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    for (int i = 0; i < CLIENTS; i++) light[i] = client_light_total(client[i]);
+    lw_process_end(&server);
     for (int i = 0; i < CLIENTS; i++) leave(i);
     lw_process_serve(&server, arguments);
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
-    while (!said("first light")) poll_all(); /* what they have until then is the last run's */
+    while (!lw_process_said(&server, "first light"))
+        poll_all(); /* what they have until then is the last run's */
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
-    assert_true(said("showing frame") && said("going on after"));
-    for (int i = 0; i < CLIENTS; i++) assert_true(fabs(total_light(i) - light[i]) < 0.01 * light[i]);
+    assert_true(lw_process_said(&server, "showing frame") && lw_process_said(&server, "going on after"));
+    for (int i = 0; i < CLIENTS; i++)
+        assert_true(fabs(client_light_total(client[i]) - light[i]) < 0.01 * light[i]);
     assert_true(lw_process_newest(&server, "rays_total") == 0);
-    assert_int_equal(lw_process_stop(&server, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&server);
     for (int i = 0; i < CLIENTS; i++) leave(i);
     /* the split form is of other lights then */
     snprintf(arguments, sizeof arguments, CORNELL "--client-lights none --keep %s",
@@ -319,16 +298,16 @@ static void kept_light_is_there_in_both_forms(void **state) {
     join(SPLIT);
     wait_for_rest(SPLIT);
     lw_process_await_text(&server, "clients draw no direct light");
-    assert_false(said("showing frame"));
+    assert_false(lw_process_said(&server, "showing frame"));
     assert_null(lw_client_draws(client[SPLIT]));
-    assert_true(fabs(total_light(SPLIT) - light[FULL]) < 0.05 * light[FULL]);
+    assert_true(fabs(client_light_total(client[SPLIT]) - light[FULL]) < 0.05 * light[FULL]);
 }
 
 static void what_does_not_shine_is_named(void **state) {
     (void)state;
     lw_process_start(&server, "lightwelld", "builtin:cornell --listen 127.0.0.1:0 --client-lights nosuch");
     assert_int_equal(lw_process_finish(&server, LIMIT_S), 64);
-    assert_true(said("--client-lights") && said("nosuch"));
+    assert_true(lw_process_said(&server, "--client-lights") && lw_process_said(&server, "nosuch"));
 }
 
 int main(void) {

@@ -112,9 +112,7 @@ static void test_gl(void **state) {
     view_fails(arguments, 69, "--renderer gl: ");
     unsetenv("__EGL_VENDOR_LIBRARY_DIRS");
     const double by_rays = complete_picture(" --direct tiles"), by_gl = complete_picture(" --renderer gl");
-    char *err = lw_process_err(&view);
-    assert_non_null(strstr(err, "drawn by "));
-    free(err);
+    assert_true(lw_process_said(&view, "drawn by "));
     assert_true(fabs(by_rays - by_gl) < 0.1 * by_rays);
 }
 
@@ -174,7 +172,7 @@ static void test_late(void **state) {
     err = lw_process_err(&view);
     if (good != 0 && (good != 75 || !strstr(err, "(--timeout)"))) fail_msg("%d: %s", good, err);
     free(err);
-    assert_int_equal(lw_process_stop(&slow, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&slow);
 }
 
 /* A server before its first light, held there by its clock: the wait says what it does. */
@@ -199,7 +197,7 @@ static void test_before_the_first_light(void **state) {
     lw_process_step(&held, 1);
     assert_int_equal(lw_process_finish(&waiting, LW_PROCESS_LIMIT_S), 0);
     assert_int_equal(access(png, F_OK), 0);
-    assert_int_equal(lw_process_stop(&held, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&held);
 }
 
 static void test_failures(void **state) {

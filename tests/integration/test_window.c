@@ -343,7 +343,7 @@ static void test_another_scene(void **state) {
     step_until(is_lit, "light");
     const struct lw_camera_view start = now().start;
     press(SDLK_m);
-    assert_int_equal(lw_process_stop(&first, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&first);
     struct lw_process second;
     snprintf(line, sizeof line, "builtin:ajar --listen 127.0.0.1:%u --texels-per-metre 4", first.port);
     lw_process_serve(&second, line);
@@ -353,7 +353,7 @@ static void test_another_scene(void **state) {
     assert_int_equal(now().steering.mode, LW_STEERING_FLY);
     steps(3);
     close_window();
-    assert_int_equal(lw_process_stop(&second, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+    lw_process_end(&second);
 }
 
 static bool imports(void) { return strstr(now().says, "importing builtin:cornell, ") != NULL; }

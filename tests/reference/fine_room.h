@@ -56,11 +56,6 @@ static inline void fine_room_begin(struct room_solution *s, struct lw_scene *sce
     lw_support_ok(lw_solvers_create(NULL, &desc, &s->pose, &s->solver, &err), &err);
 }
 
-static inline void fine_room_step(struct room_solution *s, uint64_t frame) {
-    struct lw_error err = {0};
-    lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, &err), &err);
-}
-
 /** Somebody looks at all tiles of a level of some objects. */
 static inline void fine_room_look_at(struct room_solution *s, uint32_t level, uint32_t first_object,
                                      uint32_t end_object) {

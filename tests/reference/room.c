@@ -32,6 +32,13 @@ void room_box(struct room *room, struct lw_vec3 s, float albedo, float emission)
     room_quad(room, x, z, y, albedo, emission);
 }
 
+struct room room_lit_box(float texels_per_metre) {
+    struct room room = {.texels_per_metre = texels_per_metre};
+    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
+    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
+    return room;
+}
+
 struct room room_with_two_lamps(void) {
     struct room room = {.texels_per_metre = 12};
     room_box(&room, lw_vec3(4, 2, 2), 0.5f, 0);
@@ -239,12 +246,27 @@ void room_solve_by(struct room_solution *solution, const struct room *room, cons
     solve(solution, frames);
 }
 
-void room_solve_until_rest(struct room_solution *solution, uint64_t *frame) {
+void room_frame(struct room_solution *solution, uint64_t frame) {
     struct lw_error err = {0};
-    const struct lw_solver_ops *ops = solution->solver->ops;
+    struct lw_solver *solver = solution->solver;
+    lw_support_ok(solver->ops->frame(solver, &solution->pose, frame, &solution->stats, &err), &err);
+}
+
+unsigned room_solve_on(struct room_solution *solution, uint64_t *frame, unsigned frames) {
+    const struct lw_solver_stats *stats = &solution->stats;
+    unsigned tiles = 0;
+    for (unsigned f = 0; f < frames; f++) {
+        room_frame(solution, ++*frame);
+        solution->rays += stats->rays_shadow + stats->rays_bounce + stats->rays_probe;
+        tiles += stats->tiles_solved;
+    }
+    return tiles;
+}
+
+void room_solve_until_rest(struct room_solution *solution, uint64_t *frame) {
     for (unsigned quiet = 0, f = 0; quiet < 20; f++) {
         assert_true(f < 3000);
-        lw_support_ok(ops->frame(solution->solver, &solution->pose, ++*frame, &solution->stats, &err), &err);
+        room_frame(solution, ++*frame);
         quiet = solution->stats.tiles_solved ? 0 : quiet + 1;
     }
 }

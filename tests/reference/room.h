@@ -45,6 +45,8 @@ void room_disc(struct room *room, struct lw_vec3 centre, struct lw_vec3 radius_u
                float albedo, float emission);
 /** The six inner faces of a box from (0,0,0) to size. */
 void room_box(struct room *room, struct lw_vec3 size, float albedo, float emission);
+/** 2 x 2 x 3 m of albedo 0.6, under a square lamp of 0.6 m and 5 W/(m^2 sr). */
+struct room room_lit_box(float texels_per_metre);
 /** 4 x 2 x 2 m at 12 texels a metre: point lights "left" and "right", a double-sided plate (ROOM_PLATE)
  * over the floor, and a panel that glows (ROOM_PANEL) under the ceiling; after the six faces of
  * room_box(). */
@@ -83,6 +85,10 @@ void room_solve_by(struct room_solution *solution, const struct room *room, cons
                    struct lw_solver_desc desc, unsigned frames);
 void room_finish(struct room_solution *solution);
 
+/** Solves a frame of that number, the pose as it is now. */
+void room_frame(struct room_solution *solution, uint64_t frame);
+/** Solves on. *frame: the last one's number. Returns how many tiles the frames solved. */
+unsigned room_solve_on(struct room_solution *solution, uint64_t *frame, unsigned frames);
 /** Solves on, the pose as it is now, until nothing more is solved; fails if that takes too long. *frame: the
  * last one's number. */
 void room_solve_until_rest(struct room_solution *solution, uint64_t *frame);

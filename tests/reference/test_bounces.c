@@ -61,13 +61,6 @@ static void test_fins_in_a_furnace(void **state) {
     room_finish(&solution);
 }
 
-static struct room lit_box(void) {
-    struct room room = {.texels_per_metre = 10};
-    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
-    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
-    return room;
-}
-
 static double total_over_room(const struct room_solution *solution) {
     double sum = 0;
     for (uint32_t o = 0; o < solution->scene->object_count; o++) {
@@ -93,7 +86,7 @@ static void copy_tiles(const struct room_solution *solution, float *dst) {
 
 static void test_same_bytes_at_any_thread_count(void **state) {
     (void)state;
-    struct room room = lit_box();
+    struct room room = room_lit_box(10);
     struct room_solution a, b;
     struct lw_solver_desc desc = {
         .bounces = 2, .threads = 1, .tracing_range_m = 1.0f, .probe_spacing_m = 0.5f};
@@ -120,7 +113,7 @@ static void test_light_is_linear(void **state) {
     (void)state;
     double sum[3];
     for (int i = 0; i < 3; i++) {
-        struct room room = lit_box();
+        struct room room = room_lit_box(10);
         if (i == 1) room.quad[6].emission = 0;
         if (i != 0) {
             room.light[0] = (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {4, 4, 4}};
@@ -138,7 +131,7 @@ static void test_light_is_linear(void **state) {
 
 static void test_converged_scene_costs_nothing(void **state) {
     (void)state;
-    struct room room = lit_box();
+    struct room room = room_lit_box(10);
     struct room_solution solution;
     room_solve(&solution, &room, (struct lw_solver_desc){.bounces = 1, .target_error = 0.1f}, 64);
     assert_int_equal(solution.stats.tiles_converged, solution.stats.tiles);

@@ -28,17 +28,6 @@ static struct room make_room(float length, float plate_x) {
 static const struct lw_solver_desc desc = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.03f};
 
-/* Returns how many tiles that solved. */
-static unsigned solve_on(struct room_solution *s, uint64_t *frame, unsigned frames) {
-    unsigned tiles = 0;
-    for (unsigned f = 0; f < frames; f++) {
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
-        s->rays += s->stats.rays_shadow + s->stats.rays_bounce;
-        tiles += s->stats.tiles_solved;
-    }
-    return tiles;
-}
-
 static void shift(struct room_solution *s, uint32_t object, float x) {
     s->pose.object_dynamic[object] = true;
     s->pose.object_to_world[object].m[0][3] += x;
@@ -92,10 +81,10 @@ static void test_no_ghost_stays(void **state) {
     const struct squares before = light_of_floor(&s);
     for (unsigned i = 0; i < 10; i++) {
         shift(&s, PLATE, 0.1f);
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
     }
     s.rays = 0;
-    solve_on(&s, &frame, 300);
+    room_solve_on(&s, &frame, 300);
     room_solve(&fresh, &there, desc, 400);
     const struct squares after = light_of_floor(&s), want = light_of_floor(&fresh);
     unsigned changed = 0;
@@ -115,9 +104,9 @@ static void test_there_and_back(void **state) {
     room_solve(&s, &room, desc, 400);
     const struct squares before = light_of_floor(&s);
     shift(&s, PLATE, 1);
-    solve_on(&s, &frame, 30);
+    room_solve_on(&s, &frame, 30);
     shift(&s, PLATE, -1);
-    solve_on(&s, &frame, 300);
+    room_solve_on(&s, &frame, 300);
     const struct squares after = light_of_floor(&s);
     expect_squares(&after, &before);
     room_finish(&s);
@@ -133,13 +122,13 @@ static void test_asked_in_many_frames(void **state) {
     uint64_t frame = 0;
     slow.frame_budget_s = 1e-12;
     room_solve(&s, &here, slow, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     const unsigned tiles = s.stats.tiles_solved;
-    solve_on(&s, &frame, 200 * tiles);
+    room_solve_on(&s, &frame, 200 * tiles);
     shift(&s, PLATE, 1);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_true(s.stats.rays_shadow > 0);
-    solve_on(&s, &frame, 200 * tiles);
+    room_solve_on(&s, &frame, 200 * tiles);
     room_solve(&fresh, &there, desc, 400);
     const struct squares after = light_of_floor(&s), want = light_of_floor(&fresh);
     expect_squares(&after, &want);
@@ -181,15 +170,15 @@ static void test_both_sides_of_a_plate(void **state) {
         struct room_solution s;
         uint64_t frame = 0;
         room_solve(&s, &room, d, 0);
-        solve_on(&s, &frame, 50);
+        room_solve_on(&s, &frame, 50);
         assert_true(s.scene->mesh[PLATE].back_offset > 0);
         const struct sides before = light_of_plate(&s);
         for (unsigned i = 0; i < 11; i++) {
             s.pose.light[0].position_ws.x += 1e-4f;
             if (i == 3 + when) s.pose.light[1].intensity = lw_vec3(0, 0, 0);
-            solve_on(&s, &frame, 1);
+            room_solve_on(&s, &frame, 1);
         }
-        solve_on(&s, &frame, 30);
+        room_solve_on(&s, &frame, 30);
         const struct sides after = light_of_plate(&s);
         unsigned lit = 0;
         for (int side = 0; side < 2; side++) {
@@ -221,8 +210,8 @@ static void test_little_is_solved_for_a_small_change(void **state) {
     assert_int_equal(s.stats.tiles_solved, 0); /* converged */
     s.rays = 0;
     shift(&s, PLATE, 0.2f);
-    assert_true(solve_on(&s, &frame, 16) > 0);
-    for (unsigned i = 0; i < 40; i++) solve_on(&s, &frame, 20);
+    assert_true(room_solve_on(&s, &frame, 16) > 0);
+    for (unsigned i = 0; i < 40; i++) room_solve_on(&s, &frame, 20);
     assert_int_equal(s.stats.tiles_solved, 0);
     if (2 * s.rays >= first_rays)
         fail_msg("%llu rays, %llu for all of it", (unsigned long long)s.rays, (unsigned long long)first_rays);
@@ -244,7 +233,7 @@ static void test_nothing_is_solved_for_what_lights_nothing(void **state) {
     assert_int_equal(s.stats.tiles_solved, 0);
     for (unsigned i = 0; i < 20; i++) {
         s.pose.light[1].position_ws.x += 0.01f;
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
         assert_true(s.stats.moved);
         assert_int_equal(s.stats.tiles_solved, 0);
     }
@@ -280,7 +269,7 @@ static double share_after_six_frames(bool filtered, uint32_t seed) {
     room_solve(&fresh, &there, settings, 200);
     const struct squares before = light_of_floor(&s), after = light_of_floor(&fresh);
     shift(&s, PLATE, 0.15f);
-    solve_on(&s, &frame, 6);
+    room_solve_on(&s, &frame, 6);
     const struct squares now = light_of_floor(&s);
     room_finish(&fresh);
     room_finish(&s);
@@ -314,11 +303,11 @@ static void test_follows_a_lamp(void **state) {
     const double before = room_object_mean(&s, 0).direct;
     for (unsigned i = 0; i < 40; i++) {
         s.pose.light[0].intensity = lw_vec3_scale(s.pose.light[0].intensity, 0.98f);
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
     }
     const double now = room_object_mean(&s, 0).direct / (before * pow(0.98, 40));
     assert_true(now > 0.99 && now < 1.08); /* a memory of four frames lags by three */
-    solve_on(&s, &frame, 100);
+    room_solve_on(&s, &frame, 100);
     expect_near(room_object_mean(&s, 0).direct, before * pow(0.98, 40), 0.005);
     room_finish(&s);
 }
@@ -332,12 +321,12 @@ static void test_a_lamp_goes_out(void **state) {
     room_solve(&s, &room, desc, 200);
     const struct room_mean before = room_object_mean(&s, 0);
     s.pose.light[0].intensity = lw_vec3(0, 0, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_true(room_object_mean(&s, 0).direct < 0.01 * before.direct);
     assert_true(room_object_mean(&s, 0).indirect < 0.4 * before.indirect);
-    solve_on(&s, &frame, 5);
+    room_solve_on(&s, &frame, 5);
     assert_true(room_object_mean(&s, 0).indirect < 0.02 * before.indirect);
-    solve_on(&s, &frame, 20);
+    room_solve_on(&s, &frame, 20);
     assert_true(room_object_mean(&s, 0).total < 0.001 * before.total);
     room_finish(&s);
 }
@@ -384,9 +373,9 @@ static double error_after(const struct squares *reference, bool lit, unsigned be
     const struct room room = room_of_two_lamps();
     room_solve(&s, &room, seeded, 0);
     light_up(&s, !lit);
-    solve_on(&s, &frame, before);
+    room_solve_on(&s, &frame, before);
     light_up(&s, lit);
-    solve_on(&s, &frame, 6);
+    room_solve_on(&s, &frame, 6);
     struct errors errors = {.reference = reference};
     room_each_texel(&s, 0, add_error, &errors);
     room_finish(&s);
@@ -403,7 +392,7 @@ static struct squares light_of_two_lamps(bool lit) {
     const struct room room = room_of_two_lamps();
     room_solve(&s, &room, exact, 0);
     light_up(&s, lit);
-    solve_on(&s, &frame, 60); /* a square: 360 times the samples of a texel in six frames */
+    room_solve_on(&s, &frame, 60); /* a square: 360 times the samples of a texel in six frames */
     const struct squares light = light_of_floor(&s);
     room_finish(&s);
     return light;
@@ -484,7 +473,7 @@ static void test_what_is_not_solved_is_not_due(void **state) {
     for (unsigned i = 0; i < 20; i++) {
         shift(&s, PLATE, i & 1 ? -5 : 5);
         s.pose.object_hidden[PLATE] = i & 2;
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
         const struct lw_tiles *tiles = &((const struct lw_cell_solver *)s.solver)->tiles;
         for (uint32_t k = 0; k < tiles->count; k++)
             LW_TILES_EACH_BLOCK (&tiles->tile[k], block)
@@ -499,9 +488,9 @@ static void test_what_is_not_solved_is_not_due(void **state) {
 static void move_each(struct room_solution *s, uint64_t *frame) {
     for (uint32_t o = 0; o < s->scene->object_count; o++) {
         shift(s, o, 0.05f);
-        solve_on(s, frame, 1);
+        room_solve_on(s, frame, 1);
         shift(s, o, -0.05f);
-        solve_on(s, frame, 1);
+        room_solve_on(s, frame, 1);
     }
     for (uint32_t id = 0; id < s->map.tile_count; id++) {
         struct lw_solver_tile tile;
@@ -540,7 +529,7 @@ static void change_and_put_back(struct room_solution *s, uint64_t *frame, uint32
         else
             s->pose.object_hidden[o] = !s->pose.object_hidden[o];
         s->pose.object_dynamic[o] = true;
-        solve_on(s, frame, 1);
+        room_solve_on(s, frame, 1);
     }
     memcpy(s->pose.object_to_world, before, objects * sizeof *before);
     for (uint32_t o = 0; o < objects; o++) s->pose.object_hidden[o] = false;
@@ -563,10 +552,10 @@ static void test_objects_may_begin_to_move(void **state) {
     assert_true(room_object_mean(&s, 0).texels < 0.95 * whole);
     for (int i = 0; i < 2; i++) { /* an object that moves once stands at once */
         for (uint32_t o = 1; o < room.quad_count; o++) shift(&s, o, 0.05f);
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
     }
     expect_near(room_object_mean(&s, 0).texels, whole, 1e-3);
-    solve_on(&s, &frame, LW_STANDING_FRAMES + 1);
+    room_solve_on(&s, &frame, LW_STANDING_FRAMES + 1);
     assert_true(room_object_mean(&s, 0).texels < 0.95 * whole);
     move_each(&s, &frame);
     room_finish(&s);
@@ -606,7 +595,7 @@ static void test_an_atrium_comes_back(void **state) {
     change_and_put_back(&s[0], &frame[0], 150, 2);
     for (int k = 0; k < 2; k++) {
         let_all_move(&s[k]);
-        solve_on(&s[k], &frame[k], FRAMES);
+        room_solve_on(&s[k], &frame[k], FRAMES);
     }
     for (uint32_t o = 0; o < s[0].scene->object_count; o++)
         expect_near(room_object_mean(&s[0], o).total, room_object_mean(&s[1], o).total, 0.05);

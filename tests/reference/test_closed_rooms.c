@@ -82,7 +82,6 @@ static void test_the_sun_is_switched(void **state) {
             .kind = HOUSE_BOXES, .thick = k ? 0.3f : 0.1f, .angle = 0.3f, .density = 5, .filtered = true};
         const struct room room = house_build(&h);
         struct room_solution s;
-        struct lw_error err = {0};
         room_solve(&s, &room,
                    (struct lw_solver_desc){
                        .bounces = 2, .denoise = true, .tracing_range_m = INFINITY, .target_error = 0.1f},
@@ -90,7 +89,7 @@ static void test_the_sun_is_switched(void **state) {
         for (uint64_t frame = 2; frame <= 13; frame++) {
             const bool shines = frame < 4 || frame > 8;
             s.pose.light[1].intensity.z = shines ? HOUSE_SUN : 0;
-            lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, frame, &s.stats, &err), &err);
+            room_frame(&s, frame);
             if (shines) house_expect_apart(&s, &h, house_inner_face(&h), 0.01);
         }
         room_finish(&s);
@@ -107,7 +106,6 @@ static void test_the_lamp_is_dimmed(void **state) {
             .kind = HOUSE_BOXES, .thick = 0.3f, .angle = 0.3f, .density = 5, .filtered = true};
         const struct room room = house_build(&h);
         struct room_solution s;
-        struct lw_error err = {0};
         const struct lw_solver_desc desc = {
             .bounces = 2, .denoise = true, .tracing_range_m = INFINITY, .target_error = 0.1f};
         if (groups[k])
@@ -118,7 +116,7 @@ static void test_the_lamp_is_dimmed(void **state) {
         for (uint64_t frame = 2; frame <= 32; frame++) {
             if (frame == 20) before = house_lamp_on_floor(&s, &h);
             s.pose.light[0].intensity.x = frame < 20 ? HOUSE_LAMP : HOUSE_LAMP / 4;
-            lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, frame, &s.stats, &err), &err);
+            room_frame(&s, frame);
         }
         const double share = house_lamp_on_floor(&s, &h) / before;
         if (!(fabs(share - 0.25) <= 0.02)) fail_msg("%s: %g of the lamp's light is left", groups[k], share);

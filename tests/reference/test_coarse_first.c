@@ -47,9 +47,7 @@ static void begin(struct room_solution *s, struct lw_scene *scene, float texels_
 }
 
 static void step(struct room_solution *s, uint64_t from, uint64_t to) {
-    struct lw_error err = {0};
-    for (uint64_t frame = from; frame <= to; frame++)
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, &err), &err);
+    for (uint64_t frame = from; frame <= to; frame++) room_frame(s, frame);
 }
 
 #define ALONE  LW_COARSE_FIRST_ALONE

@@ -4,13 +4,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-static struct room lit_box(void) {
-    struct room room = {.texels_per_metre = 12};
-    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
-    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
-    return room;
-}
-
 static void solve(struct room_solution *solution, const struct room *room, uint32_t seed, unsigned frames,
                   unsigned threads) {
     room_solve(solution, room,
@@ -50,7 +43,7 @@ static void test_energy_stays_in_its_object(void **state) {
     (void)state;
     static const unsigned frames[] = {1, 3, 8};
     for (int f = 0; f < 3; f++) {
-        struct room room = lit_box();
+        struct room room = room_lit_box(12);
         struct room_solution s;
         solve(&s, &room, 1, frames[f], 2);
         for (uint32_t o = 0; o < room.quad_count; o++) {
@@ -67,7 +60,7 @@ static void test_filter_fades_out(void **state) {
     double before = 1;
     static const unsigned frames[] = {4, 32, 200};
     for (int f = 0; f < 3; f++) {
-        struct room room = lit_box();
+        struct room room = room_lit_box(12);
         struct room_solution s;
         solve(&s, &room, 1, frames[f], 2);
         const struct sums sums = sum_of(&s, LW_SCENE_NONE);
@@ -132,7 +125,7 @@ static void expect_error_falls(const struct room *room, const unsigned frames[3]
 
 static void test_error_falls(void **state) {
     (void)state;
-    const struct room room = lit_box();
+    const struct room room = room_lit_box(12);
     expect_error_falls(&room, (const unsigned[]){1, 4, 16}, (const double[]){0.5, 0.5, 0.6});
 }
 
@@ -153,7 +146,7 @@ static void test_shadows_stay_among_noise(void **state) {
 
 static void test_same_bytes_at_any_thread_count(void **state) {
     (void)state;
-    struct room room = lit_box();
+    struct room room = room_lit_box(12);
     struct room_solution a, b;
     solve(&a, &room, 1, 3, 1);
     solve(&b, &room, 1, 3, 3);
@@ -182,7 +175,7 @@ static void solve_in_parts(struct room_solution *s, const struct room *room, uin
         for (uint32_t id = 0; id < s->map.tile_count; id++)
             wanted[id] = s->map.place[id].level == 0 && id % parts == frame % parts;
         lw_support_ok(s->solver->ops->set_interest(s->solver, wanted, NULL), NULL);
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++frame, &s->stats, NULL), NULL);
+        room_frame(s, ++frame);
     }
     assert_int_equal(s->stats.tiles_converged, s->stats.tiles);
     free(wanted);

@@ -53,7 +53,7 @@ void __wrap_lw_hidden_points_find(const struct lw_hidden_points_search *search, 
 }
 
 static uint64_t step_to(struct room_solution *s, uint64_t from, uint64_t to) {
-    for (uint64_t frame = from + 1; frame <= to; frame++) fine_room_step(s, frame);
+    for (uint64_t frame = from + 1; frame <= to; frame++) room_frame(s, frame);
     return to;
 }
 

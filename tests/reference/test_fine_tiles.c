@@ -117,8 +117,7 @@ static void light_is_that_of_a_finer_atlas(void **state) {
     fine.solver->ops->choose_channels(fine.solver, DIRECTIONS);
     coarse.solver->ops->choose_channels(coarse.solver, DIRECTIONS);
     fine_room_look_at(&coarse, LW_ATLAS_FINER + FINER, 0, coarse.scene->object_count);
-    for (uint64_t frame = 1; frame <= 30; frame++)
-        fine_room_step(&coarse, frame), fine_room_step(&fine, frame);
+    for (uint64_t frame = 1; frame <= 30; frame++) room_frame(&coarse, frame), room_frame(&fine, frame);
     const lw_tile_id *id;
     const uint32_t count = coarse.solver->ops->list_fine(coarse.solver, &id);
     assert_true(count > 8);
@@ -171,17 +170,17 @@ static void those_that_are_looked_at_have_the_room(void **state) {
     const uint32_t first = tiles_of(&s, 0, FINER), second = tiles_of(&s, 1, FINER);
     assert_true(first > 1 && second > 1);
     fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
-    for (uint32_t k = 0; k < 20; k++) fine_room_step(&s, ++frame);
+    for (uint32_t k = 0; k < 20; k++) room_frame(&s, ++frame);
     assert_int_equal(list(&s, 0, &all), first);
     assert_int_equal(all, first);
     fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 0, 2); /* no room for the second's */
-    for (uint32_t k = 0; k < 20; k++) fine_room_step(&s, ++frame);
+    for (uint32_t k = 0; k < 20; k++) room_frame(&s, ++frame);
     assert_int_equal(list(&s, 0, &all), first);
     assert_int_equal(all, first);
     assert_int_equal(s.stats.tiles_fine, first);
     assert_int_equal(s.stats.tiles_fine_wanted, first + second);
     fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 1, 2);
-    for (uint32_t k = 0; k < 20; k++) fine_room_step(&s, ++frame);
+    for (uint32_t k = 0; k < 20; k++) room_frame(&s, ++frame);
     assert_int_equal(list(&s, 1, &all), second < first ? second : first);
     assert_int_equal(all, first); /* the rest stays while nobody needs the room */
     room_finish(&s);
@@ -198,7 +197,7 @@ static void coarser_levels_come_first(void **state) {
     fine_room_begin(&s, fine_room_scene(0), FINER, desc);
     assert_true(tiles_of(&s, 0, FINER) >= 4 && tiles_of(&s, 0, 1) < 4);
     fine_room_look_at(&s, LW_ATLAS_FINER + FINER, 0, 1);
-    for (uint32_t k = 0; k < 24; k++) fine_room_step(&s, ++frame);
+    for (uint32_t k = 0; k < 24; k++) room_frame(&s, ++frame);
     assert_int_equal(s.solver->ops->list_fine(s.solver, &id), 4);
     uint8_t *interest = calloc(s.map.tile_count, 1);
     assert_non_null(interest);
@@ -206,7 +205,7 @@ static void coarser_levels_come_first(void **state) {
         interest[i] = s.map.place[i].level == 0 || (s.map.place[i].width && s.map.place[i].object == 0);
     lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
     free(interest);
-    for (uint32_t k = 0; k < 24; k++) fine_room_step(&s, ++frame);
+    for (uint32_t k = 0; k < 24; k++) room_frame(&s, ++frame);
     const uint32_t count = s.solver->ops->list_fine(s.solver, &id);
     uint32_t coarser = 0;
     for (uint32_t k = 0; k < count; k++) coarser += s.map.place[id[k].v].level == LW_ATLAS_FINER + 1;
@@ -238,7 +237,7 @@ static void turns_come_before_levels(void **state) {
     }
     assert_true(at[0] + MODEST > SLOTS && at[1] == MODEST);
     lw_support_ok(s.solver->ops->set_interest(s.solver, interest, NULL), NULL);
-    for (uint64_t frame = 1; frame <= FRAMES; frame++) fine_room_step(&s, frame);
+    for (uint64_t frame = 1; frame <= FRAMES; frame++) room_frame(&s, frame);
     uint32_t there = 0;
     for (uint32_t id = 0; id < s.map.tile_count; id++)
         there += interest[id] && lw_atlas_finer(s.map.place[id].level) == FINER &&
@@ -266,7 +265,7 @@ static void interest_that_jumps_is_bounded(void **state) {
     for (uint64_t frame = 1; frame <= FRAMES; frame++) {
         const uint32_t object = (uint32_t)frame % ROOM_FACES;
         fine_room_look_at(&s, LW_ATLAS_FINER + 1 + (uint32_t)frame % FINER, object, object + 1);
-        fine_room_step(&s, frame);
+        room_frame(&s, frame);
         uint32_t there = 0, made = 0;
         for (uint32_t id = s.map.plain_count; id < s.map.tile_count; id++) {
             const bool holds = s.solver->ops->holds_fine(s.solver, (lw_tile_id){id});
@@ -318,7 +317,7 @@ static void threads_change_nothing(void **state) {
                 fine_room_look_at(&s[k], LW_ATLAS_FINER + 1 + frame / 8 % FINER, (uint32_t)frame / 8,
                                   (uint32_t)frame / 8 + 2);
             if (frame > 20) s[k].pose.light[0].position_ws.x += 0.01f;
-            fine_room_step(&s[k], frame);
+            room_frame(&s[k], frame);
         }
     }
     expect_same(&s[0], &s[1]);
@@ -337,8 +336,7 @@ static void level_0_does_not_depend_on_them(void **state) {
     fine_room_begin(&with, fine_room_scene(0), FINER, desc);
     fine_room_look_at(&with, LW_ATLAS_FINER + FINER, 0, 3);
     fine_room_look_at(&without, LW_ATLAS_FINER + FINER, 0, 3);
-    for (uint64_t frame = 1; frame <= 12; frame++)
-        fine_room_step(&with, frame), fine_room_step(&without, frame);
+    for (uint64_t frame = 1; frame <= 12; frame++) room_frame(&with, frame), room_frame(&without, frame);
     const lw_tile_id *id;
     assert_true(with.solver->ops->list_fine(with.solver, &id) > 0);
     assert_int_equal(without.solver->ops->list_fine(without.solver, &id), 0);
@@ -372,8 +370,8 @@ static void layers_share_them(void **state) {
     fine_room_look_at(&layered, LW_ATLAS_FINER + FINER, 0, 1);
     for (uint64_t frame = 1; frame <= 60; frame++) {
         if (frame == 30) alone.pose.light[0].intensity = layered.pose.light[0].intensity = lw_vec3(1, 1, 1);
-        fine_room_step(&alone, frame);
-        fine_room_step(&layered, frame);
+        room_frame(&alone, frame);
+        room_frame(&layered, frame);
     }
     const lw_tile_id *id, *other;
     const uint32_t count = alone.solver->ops->list_fine(alone.solver, &id);

@@ -1,65 +1,25 @@
 /* The path tracer on surfaces with a finish, against closed forms. Tolerances come from the spread over
  * seeds. */
-#include "client/measure/sides/path_world.h"
 #include "common/base/random.h"
 #include "common/builtin/builtin.h"
 #include "common/shading/tangent.h"
 #include "tests/reference/effort.h"
-#include "tests/reference/room.h"
+#include "tests/reference/path_case.h"
 
 #include <string.h>
 
 #define SEEDS 8
-#define SIGMA 4.5  /* standard errors; of a thousand such comparisons none fails by chance */
 #define TABLE 0.01 /* what lobe_table.h may be off by */
 
-struct set {
-    struct lw_scene *scene;
-    struct lw_path_world world;
-};
-
-static void set_up(struct set *set, struct lw_scene *scene) {
+static void set_up(struct path_case_set *set, struct lw_scene *scene) {
     struct lw_error err = {0};
     lw_support_ok(lw_scene_validate(scene, &err), &err);
-    set->scene = scene;
-    lw_support_ok(lw_path_world_init(&set->world, scene, 0, 2, &err), &err);
-}
-
-static void tear_down(struct set *set) {
-    lw_path_world_finish(&set->world);
-    lw_scene_destroy(set->scene);
-}
-
-static struct lw_path_film render(const struct set *set, const struct lw_path_view *view, uint32_t side,
-                                  uint32_t samples) {
-    struct lw_path_film film;
-    struct lw_error err = {0};
-    lw_support_ok(lw_path_film_init(&film, side, side, &err), &err);
-    lw_path_trace_render(set->world.tracer, view, samples, &film, NULL);
-    return film;
+    path_case_set_up(set, scene, 2);
+    set->seeds = SEEDS;
 }
 
 static double pixel_of(const struct lw_path_film *film, uint32_t i) {
     return ((double)film->half[0][3 * i] + (double)film->half[1][3 * i]) / film->samples;
-}
-
-struct mean {
-    double value, error; /* standard error */
-};
-
-/* Mean of the red channel of a square picture. */
-static struct mean mean_of(const struct set *set, struct lw_path_view view, uint32_t side, uint32_t samples) {
-    double sum = 0, squares = 0;
-    for (uint32_t seed = 1; seed <= SEEDS; seed++) {
-        view.seed = seed;
-        struct lw_path_film film = render(set, &view, side, samples);
-        double value = 0;
-        for (uint32_t i = 0; i < side * side; i++) value += pixel_of(&film, i) / (side * side);
-        sum += value, squares += value * value;
-        lw_path_film_finish(&film);
-    }
-    const double mean = sum / SEEDS;
-    return (struct mean){mean, sqrt(fmax(0, squares / SEEDS - mean * mean) / (SEEDS - 1))};
 }
 
 /* ---- surfaces ---- */
@@ -105,17 +65,17 @@ static void white_floors_send_back_all_light(void **state) {
     const float roughness[] = {0.05f, 0.1f, 0.2f, 0.4f, 0.6f, 0.8f, 1}, sine[] = {0.12f, 0.4f, 0.95f};
     for (size_t r = 0; r < sizeof roughness / sizeof *roughness; r++)
         for (int metal = 0; metal < 2; metal++) {
-            struct set set;
+            struct path_case_set set;
             struct lw_scene *scene = floor_under_sky(1);
             lw_support_finish(scene, 0, (float)metal, roughness[r]);
             set_up(&set, scene);
             for (size_t k = 0; k < sizeof sine / sizeof *sine; k++) {
-                const struct mean got = mean_of(&set, view_at(sine[k]), 16, 16 * effort);
+                const struct path_case_mean got = path_case_mean_of(&set, view_at(sine[k]), 16, 16 * effort);
                 if (fabs(got.value - 1) > TABLE + SIGMA * got.error || got.error > 0.006)
                     fail_msg("metalness %d, roughness %g, sine %g: %.4f +- %.4f", metal, (double)roughness[r],
                              (double)sine[k], got.value, got.error);
             }
-            tear_down(&set);
+            path_case_tear_down(&set);
         }
 }
 
@@ -133,7 +93,7 @@ static void a_mirror_shows_the_panels_image(void **state) {
         struct room room = {0};
         room_quad(&room, lw_vec3(-4, 0, -4), lw_vec3(0, 0, 8), lw_vec3(8, 0, 0), 0.8f, 0);
         room_quad(&room, lw_vec3(-0.5f, 0.3f, -1), lw_vec3(1, 0, 0), lw_vec3(0, 0.6f, 0), 0, 3);
-        struct set set;
+        struct path_case_set set;
         struct lw_scene *scene = room_scene(&room);
         lw_support_finish(scene, 0, 1, 0);
         set_up(&set, scene);
@@ -144,7 +104,7 @@ static void a_mirror_shows_the_panels_image(void **state) {
             .all_lights = all_lights,
             .clamp = all_lights ? 0.1f : 0, /* not of lamps in a mirror */
         };
-        struct lw_path_film film = render(&set, &view, SIDE, 16);
+        struct lw_path_film film = path_case_render(&set, &view, SIDE, SIDE, 16);
         const struct lw_camera_plane plane = lw_camera_plane(&view.camera, SIDE, SIDE);
         const double tolerance = all_lights ? 0.05 : 0.005;
         double ratio = 0;
@@ -167,19 +127,19 @@ static void a_mirror_shows_the_panels_image(void **state) {
         assert_true(fabs(ratio / bright - 1) < 0.005);
         assert_true(bright > 20 && black > 100);
         lw_path_film_finish(&film);
-        tear_down(&set);
+        path_case_tear_down(&set);
     }
 }
 
 /* ---- the estimator ---- */
 
-static void teach(const struct set *set, struct lw_path_view *view, struct lw_guide **out) {
+static void teach(const struct path_case_set *set, struct lw_path_view *view, struct lw_guide **out) {
     const struct lw_guide_desc desc = {.minimum_ws = {-1, -1, -1}, .maximum_ws = {1, 1, 1}, .trust = 8};
     struct lw_error err = {0};
     lw_support_ok(lw_guide_create(&desc, out, &err), &err);
     view->guide = *out;
     for (int i = 0; i < 4; i++) {
-        struct lw_path_film film = render(set, view, 32, 4);
+        struct lw_path_film film = path_case_render(set, view, 32, 32, 4);
         lw_path_film_finish(&film);
         lw_guide_learn(*out, 2);
     }
@@ -199,17 +159,18 @@ static void methods_agree_on_glossy_surfaces(void **state) {
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
     scene->sky[0] = 0.1f;
     for (uint32_t m = 0; m < scene->material_count; m++) lw_support_finish(scene, m, m % 3 ? 0 : 1, 0.5f);
-    struct set set;
+    struct path_case_set set;
     set_up(&set, scene);
     const struct lw_path_view plain = {.camera = lw_camera_of_scene(scene, &set.world.pose, 0), .bounces = 2};
-    struct mean mean[WAYS];
+    struct path_case_mean mean[WAYS];
     for (int w = 0; w < WAYS; w++) {
         struct lw_path_view view = plain;
         struct lw_guide *guide = NULL;
         if (way[w].guided) teach(&set, &view, &guide);
         view.method = way[w].method;
         view.all_lights = way[w].all_lights;
-        mean[w] = mean_of(&set, view, 32, (view.method == LW_PATH_METHOD_BOUNCE ? 64 : 16) * effort);
+        mean[w] =
+            path_case_mean_of(&set, view, 32, (view.method == LW_PATH_METHOD_BOUNCE ? 64 : 16) * effort);
         assert_true(mean[w].error < noise(0.025) * mean[w].value);
         lw_guide_destroy(guide);
     }
@@ -220,7 +181,7 @@ static void methods_agree_on_glossy_surfaces(void **state) {
                 fail_msg("way %d: %.6g +- %.2g, way %d: %.6g +- %.2g", a, mean[a].value, mean[a].error, b,
                          mean[b].value, mean[b].error);
         }
-    tear_down(&set);
+    path_case_tear_down(&set);
 }
 
 /* ---- normal maps ---- */
@@ -233,14 +194,14 @@ static void bumps_have_no_fringes_and_add_no_light(void **state) {
     const float roughness[] = {0, 0.3f, 1}, sine[] = {0.05f, 0.3f, 0.9f};
     for (int metal = 0; metal < 2; metal++)
         for (int r = 0; r < 3; r++) {
-            struct set set;
+            struct path_case_set set;
             struct lw_scene *scene = floor_under_sky(1);
             bump(scene, 0, lw_support_finish(scene, 0, (float)metal, roughness[r]));
             set_up(&set, scene);
             for (int k = 0; k < 3; k++) {
                 struct lw_path_view view = view_at(sine[k]);
                 view.method = LW_PATH_METHOD_BOUNCE;
-                struct lw_path_film film = render(&set, &view, SIDE, 64);
+                struct lw_path_film film = path_case_render(&set, &view, SIDE, SIDE, 64);
                 double mean = 0;
                 for (uint32_t i = 0; i < SIDE * SIDE; i++) {
                     const double got = pixel_of(&film, i);
@@ -253,7 +214,7 @@ static void bumps_have_no_fringes_and_add_no_light(void **state) {
                 assert_true(mean <= 1 + TABLE);
                 lw_path_film_finish(&film);
             }
-            tear_down(&set);
+            path_case_tear_down(&set);
         }
 }
 
@@ -262,7 +223,7 @@ static void flat_maps_change_nothing(void **state) {
     (void)state;
     struct lw_path_film film[2];
     for (int mapped = 0; mapped < 2; mapped++) {
-        struct set set;
+        struct path_case_set set;
         struct lw_scene *scene = floor_under_sky(0.5f);
         struct lw_finish *finish = lw_support_finish(scene, 0, 0, 0.4f);
         if (mapped) {
@@ -271,8 +232,8 @@ static void flat_maps_change_nothing(void **state) {
         }
         set_up(&set, scene);
         const struct lw_path_view view = view_at(0.5f);
-        film[mapped] = render(&set, &view, 16, 4);
-        tear_down(&set);
+        film[mapped] = path_case_render(&set, &view, 16, 16, 4);
+        path_case_tear_down(&set);
     }
     for (uint32_t i = 0; i < 16 * 16; i++)
         assert_true(fabs(pixel_of(&film[0], i) - pixel_of(&film[1], i)) < 1e-4);
@@ -335,7 +296,7 @@ static void shading_is_never_negative_and_no_nan(void **state) {
 static void first_hits_know_the_finish(void **state) {
     (void)state;
     enum { SIDE = 16 };
-    struct set set;
+    struct path_case_set set;
     struct lw_error err = {0};
     struct lw_scene *scene = floor_under_sky(0.6f);
     bump(scene, 0, lw_support_finish(scene, 0, 0, 0.3f));
@@ -353,7 +314,7 @@ static void first_hits_know_the_finish(void **state) {
     struct lw_path_film film[2];
     for (int given = 0; given < 2; given++) {
         view.first_hits = given ? &gbuffer : NULL;
-        film[given] = render(&set, &view, SIDE, 2);
+        film[given] = path_case_render(&set, &view, SIDE, SIDE, 2);
     }
     for (int half = 0; half < 2; half++)
         assert_memory_equal(film[0].half[half], film[1].half[half], (size_t)SIDE * SIDE * 3 * sizeof(float));
@@ -366,7 +327,7 @@ static void first_hits_know_the_finish(void **state) {
     assert_true(bumpy);
     for (int i = 0; i < 2; i++) lw_path_film_finish(&film[i]);
     lw_gbuffer_finish(&gbuffer);
-    tear_down(&set);
+    path_case_tear_down(&set);
 }
 
 int main(int argc, char **argv) {

@@ -254,8 +254,7 @@ static void test_ends(void **state) {
                   (struct lw_solver_desc){.bounces = 1, .frames_max = 2, .target_error = -1}, 2);
     assert_true(s.stats.tiles_solved > 0);
     assert_int_equal(s.stats.tiles_converged, s.stats.tiles);
-    struct lw_error err = {0};
-    lw_support_ok(s.solver->ops->frame(s.solver, &s.pose, 3, &s.stats, &err), &err);
+    room_frame(&s, 3);
     assert_int_equal(s.stats.tiles_solved, 0);
     assert_int_equal(s.stats.rays_shadow + s.stats.rays_bounce, 0);
     room_finish(&s);

@@ -22,14 +22,6 @@ static struct room two_rooms(void) {
     return room;
 }
 
-/* One room, its lamp close under the ceiling. */
-static struct room one_room(void) {
-    struct room room = {.texels_per_metre = 12};
-    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
-    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
-    return room;
-}
-
 /* What somebody looks at: the level-0 tiles of these objects, from level `level`. */
 static uint8_t *looks_at(const struct room_solution *s, uint32_t first, uint32_t count, uint32_t level) {
     uint8_t *wanted = calloc(s->map.tile_count, 1);
@@ -46,14 +38,6 @@ static void set_interest(struct room_solution *s, uint32_t first, uint32_t count
     free(wanted);
 }
 
-/* Frames are numbered on from `*frame`. */
-static void solve_on(struct room_solution *s, uint64_t *frame, unsigned frames) {
-    for (unsigned f = 0; f < frames; f++) {
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, ++*frame, &s->stats, NULL), NULL);
-        s->rays += s->stats.rays_shadow + s->stats.rays_bounce + s->stats.rays_probe;
-    }
-}
-
 static struct lw_solver_tile first_tile(const struct room_solution *s, uint32_t object) {
     struct lw_solver_tile tile;
     s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[object]}, &tile);
@@ -64,14 +48,14 @@ static struct lw_solver_tile first_tile(const struct room_solution *s, uint32_t 
 
 static void test_wanted_tiles_are_lit_as_in_a_whole_solve(void **state) {
     (void)state;
-    struct room room = one_room();
+    struct room room = room_lit_box(12);
     struct room_solution whole, seen;
     const struct lw_solver_desc desc = {.bounces = 2, .target_error = -1};
     uint64_t frame = 0;
     room_solve(&whole, &room, desc, 256);
     room_solve(&seen, &room, desc, 0);
     set_interest(&seen, FLOOR, 1, 0);
-    solve_on(&seen, &frame, 256);
+    room_solve_on(&seen, &frame, 256);
     const struct room_mean a = room_object_mean(&whole, FLOOR), b = room_object_mean(&seen, FLOOR);
     assert_true(a.indirect > 0.2 * a.direct);
     expect_near(b.direct, a.direct, 1e-6); /* the same samples */
@@ -103,7 +87,7 @@ static void test_far_tiles_are_solved_less_often(void **state) {
     for (uint32_t level = 0; level < 5; level++) {
         uint64_t frame = 64 * level;
         set_interest(&s, 0, 1, level);
-        solve_on(&s, &frame, 64);
+        room_solve_on(&s, &frame, 64);
         const uint32_t now = first_tile(&s, 0).sample_count;
         assert_in_range(now - before, frames[level] - 2, frames[level]);
         before = now;
@@ -136,9 +120,9 @@ static float *wander(unsigned threads, uint64_t *out_rays, size_t *out_size) {
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .threads = threads, .denoise = true}, 0);
     for (uint32_t o = 0; o < 12; o += 3) {
         set_interest(&s, o, 2, o % 2);
-        solve_on(&s, &frame, 9);
+        room_solve_on(&s, &frame, 9);
         s.pose.light[0].intensity.x *= 1.25f;
-        solve_on(&s, &frame, 3);
+        room_solve_on(&s, &frame, 3);
     }
     *out_rays = s.rays;
     float *light = copy_light(&s, out_size);
@@ -166,18 +150,18 @@ static void test_nobody_looks_nothing_is_traced(void **state) {
     uint64_t frame = 0, rays;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .tracing_range_m = 1}, 0);
     set_interest(&s, 0, 0, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_int_equal(s.stats.tiles_solved, 12); /* all have been lit once */
     rays = s.rays;
     for (unsigned i = 0; i < 4; i++) {
         s.pose.light[0].intensity.x += 1;
-        solve_on(&s, &frame, 2);
+        room_solve_on(&s, &frame, 2);
         assert_int_equal(s.stats.tiles_solved + s.stats.tiles_interest + s.stats.tiles_contributing, 0);
         assert_int_equal(s.stats.tiles, 12);
     }
     assert_true(s.rays == rays);
     lw_support_ok(s.solver->ops->set_interest(s.solver, NULL, NULL), NULL);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_int_equal(s.stats.tiles_solved, 12);
     assert_int_equal(s.stats.tiles_interest, 12);
     room_finish(&s);
@@ -190,15 +174,15 @@ static void test_what_neither_is_seen_nor_lights_it_sleeps(void **state) {
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .target_error = -1}, 0);
     set_interest(&s, FLOOR, 1, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     const struct room_mean asleep = room_object_mean(&s, 6 + FLOOR);
-    solve_on(&s, &frame, 40);
+    room_solve_on(&s, &frame, 40);
     assert_int_equal(s.stats.tiles_contributing, 5);
     for (uint32_t o = 6; o < 12; o++) assert_int_equal(first_tile(&s, o).sample_count, 1);
     assert_true(room_object_mean(&s, 6 + FLOOR).total == asleep.total);
     /* Somebody looks there, and nothing has moved: the old sample counts as much as the new ones. */
     set_interest(&s, 6 + FLOOR, 1, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     const struct room_mean two = room_object_mean(&s, 6 + FLOOR);
     struct room_solution whole;
     room_solve(&whole, &room, (struct lw_solver_desc){.bounces = 2, .target_error = -1}, 2);
@@ -209,12 +193,12 @@ static void test_what_neither_is_seen_nor_lights_it_sleeps(void **state) {
 
 static void test_rests_with_what_is_looked_at(void **state) {
     (void)state;
-    struct room room = one_room();
+    struct room room = room_lit_box(12);
     struct room_solution s;
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 1, .target_error = 0.1f}, 0);
     set_interest(&s, FLOOR, 1, 0);
-    solve_on(&s, &frame, 200);
+    room_solve_on(&s, &frame, 200);
     assert_int_equal(s.stats.tiles_solved, 0);
     assert_int_equal(s.stats.tiles_contributing, 0);
     assert_true(first_tile(&s, FLOOR).error <= 0.1f);
@@ -236,24 +220,24 @@ static void test_wakes_to_the_light_of_today(void **state) {
     uint64_t frame = 0;
     room_solve(&s, &room, (struct lw_solver_desc){.bounces = 2, .target_error = 0.02f}, 0);
     set_interest(&s, 0, 12, 0);
-    solve_on(&s, &frame, 300); /* long means, which forget slowly when asked to remember */
+    room_solve_on(&s, &frame, 300); /* long means, which forget slowly when asked to remember */
     set_interest(&s, 0, 6, 0);
     for (unsigned i = 0; i < 100;
          i++) { /* until it is forgotten that the second room's tiles light each other */
         dim(&s, 0, 1.001f);
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
     }
     const struct room_mean before = room_object_mean(&s, 6 + FLOOR);
     for (unsigned i = 0; i < 40; i++) {
         dim(&s, 1, powf(3, 1 / 40.0f));
-        solve_on(&s, &frame, 1);
+        room_solve_on(&s, &frame, 1);
     }
-    solve_on(&s, &frame, 400); /* still frames make it no older */
+    room_solve_on(&s, &frame, 400); /* still frames make it no older */
     assert_true(room_object_mean(&s, 6 + FLOOR).total == before.total);
     set_interest(&s, 6, 6, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     expect_near(room_object_mean(&s, 6 + FLOOR).direct, 3 * before.direct, 0.01);
-    solve_on(&s, &frame, 60);
+    room_solve_on(&s, &frame, 60);
     assert_true(s.stats.tiles_solved > 0); /* does not converge while the first frames still show */
     const struct room_mean after = room_object_mean(&s, 6 + FLOOR);
     expect_near(after.direct, 3 * before.direct, 0.005);
@@ -266,7 +250,7 @@ static void test_wakes_to_the_light_of_today(void **state) {
 static void test_changes_reach_what_is_looked_at(void **state) {
     (void)state;
     for (unsigned moving = 0; moving < 2; moving++) {
-        struct room room = one_room();
+        struct room room = room_lit_box(12);
         room.light[0] = (struct lw_light){
             .kind = LW_LIGHT_SPOT, .intensity = {8, 8, 8}, .inner_cone = 0.2f, .outer_cone = 0.5f};
         room.light_position[0] = lw_vec3(1, 0.5f, 1.5f); /* onto the middle of the floor */
@@ -277,12 +261,12 @@ static void test_changes_reach_what_is_looked_at(void **state) {
             uint64_t frame = 0;
             room_solve(&s[seen], &room, (struct lw_solver_desc){.bounces = 1, .target_error = -1}, 0);
             if (seen) set_interest(&s[seen], CEILING, 1, 0);
-            solve_on(&s[seen], &frame, 60);
+            room_solve_on(&s[seen], &frame, 60);
             dim(&s[seen], 0, 4);
-            solve_on(&s[seen], &frame, 1);
+            room_solve_on(&s[seen], &frame, 1);
             for (unsigned i = 0; i < 20 + seen * 8; i++) {
                 if (moving) dim(&s[seen], 0, 1.001f);
-                solve_on(&s[seen], &frame, 1);
+                room_solve_on(&s[seen], &frame, 1);
             }
             indirect[seen] = room_object_mean(&s[seen], CEILING).indirect;
             room_finish(&s[seen]);
@@ -302,13 +286,13 @@ static void test_a_round_in_many_frames(void **state) {
     struct lw_solver_desc d = {.bounces = 1, .target_error = -1, .frame_budget_s = 1e-12};
     room_solve(&s, &room, d, 0);
     set_interest(&s, 0, 12, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     const uint32_t tiles = s.stats.tiles_solved;
     assert_int_equal(s.stats.tiles_shown, tiles); /* the first frame lights everything */
     assert_true(tiles >= 12);
     for (unsigned round = 1; round <= 3; round++) {
         for (uint32_t f = 0; f < tiles; f++) {
-            solve_on(&s, &frame, 1);
+            room_solve_on(&s, &frame, 1);
             assert_int_equal(s.stats.tiles_solved, 1);
             assert_int_equal(s.stats.tiles_shown, f + 1 < tiles ? 0 : tiles);
         }
@@ -316,9 +300,9 @@ static void test_a_round_in_many_frames(void **state) {
     }
     const double before = room_object_mean(&s, 6 + FLOOR).direct;
     dim(&s, 1, 2);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_true(s.stats.tiles_shown > 0 && s.stats.tiles_shown < tiles); /* corrected, or solved */
-    solve_on(&s, &frame, 2 * tiles);
+    room_solve_on(&s, &frame, 2 * tiles);
     expect_near(room_object_mean(&s, 6 + FLOOR).direct, 2 * before, 0.01);
     room_finish(&s);
 }
@@ -335,13 +319,13 @@ static void test_a_round_is_put_off_once(void **state) {
                (struct lw_solver_desc){
                    .bounces = 1, .target_error = -1, .frame_budget_s = 1e-12, .awaited = &awaited},
                0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     const uint32_t tiles = s.stats.tiles_solved;
-    solve_on(&s, &frame, tiles - 1);
+    room_solve_on(&s, &frame, tiles - 1);
     awaited = true;
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_int_equal(s.stats.tiles_shown, 0);
-    solve_on(&s, &frame, 1);
+    room_solve_on(&s, &frame, 1);
     assert_int_equal(s.stats.tiles_shown, tiles);
     room_finish(&s);
 }

@@ -87,7 +87,7 @@ static void solve_ball_in_parts(struct room_solution *s, uint32_t parts) {
         for (uint32_t id = 0; id < s->map.tile_count; id++)
             wanted[id] = s->map.place[id].level == 0 && id % parts == frame % parts;
         lw_support_ok(s->solver->ops->set_interest(s->solver, wanted, NULL), NULL);
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, NULL), NULL);
+        room_frame(s, frame);
     }
     free(wanted);
 }

@@ -83,9 +83,7 @@ static void fill_all(void) {
     for (uint32_t k = 0; k < layers; k++) fill(lw_cell_layer_tiles(layer[k]));
 }
 
-static void step(struct room_solution *s, uint64_t frame) {
-    lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, NULL), NULL);
-}
+static void step(struct room_solution *s, uint64_t frame) { room_frame(s, frame); }
 
 static void show_and_step(struct room_solution *s, uint32_t channels, uint64_t frame) {
     s->solver->ops->choose_channels(s->solver, channels);

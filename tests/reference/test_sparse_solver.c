@@ -59,9 +59,7 @@ static void look_at(struct room_solution *s, uint32_t level, bool all) {
 }
 
 static uint64_t step(struct room_solution *s, uint64_t from, uint32_t frames) {
-    struct lw_error err = {0};
-    for (uint64_t frame = from; frame < from + frames; frame++)
-        lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, &err), &err);
+    for (uint64_t frame = from; frame < from + frames; frame++) room_frame(s, frame);
     return from + frames;
 }
 

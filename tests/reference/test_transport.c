@@ -141,18 +141,11 @@ static void test_partial_sums_of_the_furnace(void **state) {
 
 /* ---- settings that must not matter ---- */
 
-static struct room lamp_room(void) {
-    struct room room = {.texels_per_metre = 40}; /* 80 x 120 texels: several tiles an object */
-    room_box(&room, lw_vec3(2, 2, 3), 0.6f, 0);
-    room_quad(&room, lw_vec3(0.7f, 1.99f, 0.7f), lw_vec3(0.6f, 0, 0), lw_vec3(0, 0, 0.6f), 0, 5);
-    return room;
-}
-
 /* Cells decide the order in which tiles are solved: without probes no byte may depend on it. */
 static void test_same_bytes_in_any_order_of_tiles(void **state) {
     (void)state;
     static const float cell_size_m[] = {0.3f, 1e6f, 1e-6f}; /* many, one for all, more than there are tiles */
-    struct room room = lamp_room();
+    struct room room = room_lit_box(40);
     struct room_solution a, b;
     room_solve(&a, &room, (struct lw_solver_desc){.bounces = 2, .cell_size_m = 9, .threads = 2}, 3);
     for (size_t k = 0; k < sizeof cell_size_m / sizeof *cell_size_m; k++) {
@@ -176,7 +169,7 @@ static void random_ray(struct lw_ray16 *rays, uint32_t lane, uint32_t seed) {
  * (the kernels order their arithmetic differently), and the same surface unless two are that near. */
 static void test_packets_against_single_rays(void **state) {
     (void)state;
-    struct room room = lamp_room();
+    struct room room = room_lit_box(40);
     struct room_solution solution;
     struct lw_error err = {0};
     room_solve(&solution, &room, (struct lw_solver_desc){0}, 1);

@@ -164,11 +164,6 @@ static struct room under_a_lamp(void) {
     return room;
 }
 
-static void solve_frame(struct room_solution *s, uint64_t frame) {
-    struct lw_error err = {0};
-    lw_support_ok(s->solver->ops->frame(s->solver, &s->pose, frame, &s->stats, &err), &err);
-}
-
 /* A shade that comes between the lamp and the floor takes the floor's lights, and theirs on the ceiling with
  * them. Without another shot none comes back when it goes; with some a frame they do, part by part. */
 static void test_what_comes_between(void **state) {
@@ -181,18 +176,18 @@ static void test_what_comes_between(void **state) {
             (struct lw_solver_desc){.bounces = 2, .vpl = {.lights = 128, .reshoot = again ? 32 : UINT32_MAX}},
             0);
         s.pose.object_dynamic[SHADE] = true;
-        solve_frame(&s, 1);
+        room_frame(&s, 1);
         const double floor = room_object_mean(&s, FLOOR).indirect,
                      ceiling = room_object_mean(&s, CEILING).indirect;
         assert_true(floor > 0 && ceiling > 0);
         s.pose.object_to_world[SHADE].m[0][3] -= 20.5f;
-        solve_frame(&s, 2);
+        room_frame(&s, 2);
         assert_true(s.stats.moved);
         assert_true(room_object_mean(&s, FLOOR).direct == 0);
         assert_true(room_object_mean(&s, FLOOR).indirect == 0);
         assert_true(room_object_mean(&s, CEILING).indirect == 0);
         s.pose.object_to_world[SHADE].m[0][3] += 20.5f;
-        solve_frame(&s, 3);
+        room_frame(&s, 3);
         if (!again) {
             assert_true(room_object_mean(&s, FLOOR).direct > 0);
             assert_true(room_object_mean(&s, CEILING).indirect == 0);
@@ -200,7 +195,7 @@ static void test_what_comes_between(void **state) {
             /* A quarter was shot again in the dark; another one now, and has light. */
             const double now = room_object_mean(&s, CEILING).indirect / ceiling;
             if (!(now > 0.15 && now < 0.35)) fail_msg("%g of the light is back after a frame", now);
-            for (uint64_t f = 4; f < 64; f++) solve_frame(&s, f);
+            for (uint64_t f = 4; f < 64; f++) room_frame(&s, f);
             expect_near(room_object_mean(&s, CEILING).indirect, ceiling, 0.1);
         }
         room_finish(&s);
@@ -217,14 +212,14 @@ static void test_what_comes_between_two_points(void **state) {
     room_solve_by(&s, &room, "vpl",
                   (struct lw_solver_desc){.bounces = 2, .vpl = {.lights = 128, .reshoot = UINT32_MAX}}, 0);
     s.pose.object_dynamic[SHADE] = true;
-    solve_frame(&s, 1);
+    room_frame(&s, 1);
     const double floor = room_object_mean(&s, FLOOR).indirect,
                  ceiling = room_object_mean(&s, CEILING).indirect;
     s.pose.object_to_world[SHADE].m[0][3] -= 20.5f;
-    solve_frame(&s, 2);
+    room_frame(&s, 2);
     assert_true(room_object_mean(&s, CEILING).indirect < 0.9 * ceiling); /* it is in the shade */
     s.pose.object_to_world[SHADE].m[0][3] += 20.5f;
-    solve_frame(&s, 3);
+    room_frame(&s, 3);
     expect_near(room_object_mean(&s, CEILING).indirect, ceiling, 1e-5);
     const double left = room_object_mean(&s, FLOOR).indirect / floor;
     if (!(left > 0.2 && left < 0.8)) fail_msg("%g of the second bounce is left", left);
@@ -241,7 +236,7 @@ static void test_a_lamp_that_dims(void **state) {
     const double floor = room_object_mean(&s, FLOOR).indirect,
                  ceiling = room_object_mean(&s, CEILING).indirect;
     s.pose.light[0].intensity = lw_vec3_scale(s.pose.light[0].intensity, 0.25f);
-    solve_frame(&s, 2);
+    room_frame(&s, 2);
     assert_true(s.stats.moved);
     expect_near(room_object_mean(&s, FLOOR).indirect, floor / 4, 1e-5);
     expect_near(room_object_mean(&s, CEILING).indirect, ceiling / 4, 1e-5);

@@ -301,6 +301,22 @@ static bool is_progress(const char *line) {
     return strstr(line, " so far, ") || strstr(line, " s left") || strstr(line, ": done in ");
 }
 
+void lw_process_run(struct lw_process *process, const char *program, const char *arguments, int expected) {
+    lw_process_start(process, program, arguments);
+    lw_process_expect(process, lw_process_finish(process, LW_PROCESS_LIMIT_S), expected);
+}
+
+void lw_process_end(struct lw_process *process) {
+    lw_process_expect(process, lw_process_stop(process, SIGTERM, LW_PROCESS_LIMIT_S), 0);
+}
+
+bool lw_process_said(const struct lw_process *process, const char *text) {
+    char *said = lw_process_err(process);
+    const bool found = strstr(said, text) != NULL;
+    free(said);
+    return found;
+}
+
 void lw_process_refuses(const char *program, const char *arguments, int expected, const char *text,
                         unsigned limit_s) {
     struct lw_process process;
@@ -436,6 +452,18 @@ struct frames {
 static bool frame_is_there(void *context) {
     const struct frames *f = context;
     return lw_process_newest(f->process, "frame") >= f->number;
+}
+
+long lw_process_resident_kb(pid_t pid) {
+    char path[64], line[256];
+    long kb = -1;
+    snprintf(path, sizeof path, "/proc/%d/status", (int)pid);
+    FILE *file = fopen(path, "re");
+    assert_non_null(file);
+    while (fgets(line, sizeof line, file)) (void)!sscanf(line, "VmRSS: %ld", &kb);
+    fclose(file);
+    assert_true(kb > 0);
+    return kb;
 }
 
 void lw_process_await_frames(struct lw_process *process, unsigned count) {

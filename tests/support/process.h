@@ -72,6 +72,9 @@ void lw_process_await_texts(struct lw_process *process, const char *text, unsign
 /** A child of the process, or 0. */
 pid_t lw_process_child_of(pid_t parent);
 
+/** Its memory in use, or the test ends. */
+long lw_process_resident_kb(pid_t pid);
+
 /** Waits for `count` more frames of a lightwelld --json. */
 void lw_process_await_frames(struct lw_process *process, unsigned count);
 
@@ -88,6 +91,13 @@ int lw_process_teardown(void **state);
 /** Ends the test with what the program said on stderr unless it ended with the expected exit code. */
 void lw_process_expect(const struct lw_process *process, int code, int expected);
 
+/** Runs a program to its end. Ends the test with what it said on stderr unless its exit code is as expected.
+ */
+void lw_process_run(struct lw_process *process, const char *program, const char *arguments, int expected);
+
+/** Ends a program by SIGTERM. Ends the test with what it said unless its exit code is 0. */
+void lw_process_end(struct lw_process *process);
+
 /** Runs a program to its end. Ends the test unless its exit code is as expected and it said one line on
  * stderr that contains `text`. */
 void lw_process_refuses(const char *program, const char *arguments, int expected, const char *text,
@@ -99,6 +109,9 @@ unsigned lw_process_needed_mb(const char *arguments);
 /** Its text so far on stdout, on stderr; the caller frees. */
 char *lw_process_out(const struct lw_process *process);
 char *lw_process_err(const struct lw_process *process);
+
+/** Whether this stands on its stderr. */
+bool lw_process_said(const struct lw_process *process, const char *text);
 
 /** The number under a key of a line of JSON, or ends the test: there is none. */
 double lw_process_number(const char *line, const char *key);

@@ -1,4 +1,5 @@
 #include "tests/support/relays.h"
+#include "tests/support/client_light.h"
 
 #include "common/base/clock.h"
 #include "proto/message.h"
@@ -67,16 +68,9 @@ struct lw_client_stats lw_relays_stats(int i) {
 }
 
 bool lw_relays_is_at_rest(int i) {
-    const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[i]);
     const struct lw_client_stats stats = lw_relays_stats(i);
-    if (!map || !stats.frame || stats.settled_frame != stats.frame) return false;
-    for (uint32_t t = 0; t < map->tile_count; t++) {
-        const struct lw_client_tile tile = lw_client_get_tile(lw_relays_client[i], (lw_tile_id){t});
-        if (lw_client_object_hidden(lw_relays_client[i], map->place[t].object))
-            continue; /* nobody lights it */
-        if (!tile.version || tile.error > 0.3f) return false;
-    }
-    return true;
+    return stats.frame && stats.settled_frame == stats.frame &&
+           client_light_is_whole(lw_relays_client[i], 0.3f);
 }
 
 /* The last figures of other names, the newest first: what a wait in vain has seen. */
@@ -255,8 +249,7 @@ char *lw_relays_show_tree(const struct lw_process *of) {
     char line[100];
     struct lw_process ctl;
     snprintf(line, sizeof line, "127.0.0.1:%u tree", of->port);
-    lw_process_start(&ctl, "lightwellctl", line);
-    lw_process_expect(&ctl, lw_process_finish(&ctl, LW_PROCESS_LIMIT_S), 0);
+    lw_process_run(&ctl, "lightwellctl", line, 0);
     return lw_process_out(&ctl);
 }
 

@@ -1,5 +1,6 @@
 #include "tests/support/support.h"
 
+#include <ctype.h>
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -52,13 +53,45 @@ const char *lw_support_source(const char *relative) {
     return path;
 }
 
-size_t lw_support_count_files(const char *relative) {
-    DIR *folder = opendir(lw_support_source(relative));
-    assert_non_null(folder);
+size_t lw_support_files_in(const char *folder) {
+    DIR *open = opendir(folder);
+    assert_non_null(open);
     size_t files = 0;
-    for (struct dirent *entry; (entry = readdir(folder));) files += entry->d_name[0] != '.';
-    closedir(folder);
+    for (struct dirent *entry; (entry = readdir(open));) files += entry->d_name[0] != '.';
+    closedir(open);
     return files;
+}
+
+size_t lw_support_count_files(const char *relative) {
+    return lw_support_files_in(lw_support_source(relative));
+}
+
+uint32_t lw_support_object(const struct lw_scene *scene, const char *name) {
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        if (strcmp(scene->object[o].name, name) == 0) return o;
+    fail_msg("no object %s", name);
+    return 0;
+}
+
+struct lw_material *lw_support_material(const struct lw_scene *scene, const char *name) {
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        if (strcmp(scene->material[m].name, name) == 0) return &scene->material[m];
+    fail_msg("no material %s", name);
+    return NULL;
+}
+
+const struct lw_light *lw_support_light(const struct lw_scene *scene, const char *name) {
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        if (strcmp(scene->light[i].name, name) == 0) return &scene->light[i];
+    fail_msg("no light %s", name);
+    return NULL;
+}
+
+uint64_t lw_support_triangles(const struct lw_scene *scene) {
+    uint64_t count = 0;
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        count += scene->mesh[scene->object[o].mesh].triangle_count;
+    return count;
 }
 
 const char *lw_support_scene(const char *relative) {
@@ -95,6 +128,35 @@ char *lw_support_read_text(const char *folder, const char *name) {
     size_t size;
     snprintf(path, sizeof path, "%s/%s", folder, name);
     return (char *)lw_support_read_file(path, &size);
+}
+
+size_t lw_support_document_bytes(const char **text, uint8_t *out, size_t capacity) {
+    const char *line = strstr(*text, "```hex\n");
+    assert_non_null(line);
+    size_t count = 0;
+    for (line = strchr(line, '\n') + 1; strncmp(line, "```", 3) != 0; line = strchr(line, '\n') + 1) {
+        char *end;
+        assert_int_equal(strtoul(line, &end, 16), count); /* the offset */
+        while (true) {
+            const char *start = end + strspn(end, " ");
+            if (!isxdigit((unsigned char)*start)) break; /* strtoul would go on to the next line */
+            unsigned long byte = strtoul(start, &end, 16);
+            assert_true(byte < 256 && count < capacity);
+            out[count++] = (uint8_t)byte;
+        }
+        assert_true(end[strspn(end, " ")] == ';' || *end == '\n');
+    }
+    *text = line;
+    return count;
+}
+
+char *lw_support_replaced(const char *text, const char *old, const char *new) {
+    const char *at = strstr(text, old);
+    if (!at) fail_msg("there is no %s", old);
+    char *out = malloc(strlen(text) + strlen(new) + 1);
+    assert_non_null(out);
+    sprintf(out, "%.*s%s%s", (int)(at - text), text, new, at + strlen(old));
+    return out;
 }
 
 int lw_support_command_line(char *argv[LW_SUPPORT_WORDS_MAX], const char *command, const char *option,

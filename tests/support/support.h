@@ -33,6 +33,14 @@ struct lw_scene *lw_support_everything(void);
 /** Gives that scene finishes: of two materials, with textures of each content, and tangents of one mesh. */
 void lw_support_add_finishes(struct lw_scene *scene);
 
+/** The part of that name, or the test ends. */
+uint32_t lw_support_object(const struct lw_scene *scene, const char *name);
+struct lw_material *lw_support_material(const struct lw_scene *scene, const char *name);
+const struct lw_light *lw_support_light(const struct lw_scene *scene, const char *name);
+
+/** Triangles of all objects. */
+uint64_t lw_support_triangles(const struct lw_scene *scene);
+
 /** Path of a file in a folder that the test program removes when it ends; valid until LW_SUPPORT_PATHS calls
  * later, those of process.h included. */
 #define LW_SUPPORT_PATHS 128
@@ -41,7 +49,8 @@ const char *lw_support_temporary(const char *name);
 /** Path of a file of the repository, e.g. "docs/scene_package.md"; valid until the next call. */
 const char *lw_support_source(const char *relative);
 
-/** Files in a folder of the repository, hidden ones left out. */
+/** Files in a folder, in one of the repository; hidden ones left out. */
+size_t lw_support_files_in(const char *folder);
 size_t lw_support_count_files(const char *relative);
 
 /** Path of a real test scene, e.g. "sponza/Sponza_lit.gltf", under $LW_TEST_SCENES or beside the repository;
@@ -59,6 +68,13 @@ uint8_t *lw_support_read_file(const char *path, size_t *out_size);
 
 /** Reads a file of a folder as text, or ends the test; the caller frees. */
 char *lw_support_read_text(const char *folder, const char *name);
+
+/** Bytes of the next block ```hex of a document: lines of an offset, bytes, and a comment behind ';'. *text
+ * moves behind them. Returns how many there are; ends the test if there is none. */
+size_t lw_support_document_bytes(const char **text, uint8_t *out, size_t capacity);
+
+/** A copy of a text with `new` in the place of the first `old`, or the test ends. The caller frees. */
+char *lw_support_replaced(const char *text, const char *old, const char *new);
 
 /** Fills a command line: COMMAND builtin:cornell -o out [OPTION VALUE], NULL behind it. Returns the number of
  * words. option: NULL for none. */

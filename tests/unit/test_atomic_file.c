@@ -2,7 +2,6 @@
 
 #include "common/base/atomic_file.h"
 
-#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,15 +16,6 @@ static int make_folder(void **state) {
     if (!mkdtemp(folder)) return -1;
     snprintf(path, sizeof path, "%s/file", folder);
     return 0;
-}
-
-static unsigned files_in_folder(void) {
-    unsigned count = 0;
-    DIR *dir = opendir(folder);
-    assert_non_null(dir);
-    for (struct dirent *entry; (entry = readdir(dir));) count += entry->d_name[0] != '.';
-    closedir(dir);
-    return count;
 }
 
 static int remove_folder(void **state) {
@@ -81,7 +71,7 @@ static void an_abandoned_file_leaves_the_old_one(void **state) {
     lw_atomic_file_abandon(&file);
     lw_atomic_file_abandon(&file);
     assert_holds("old");
-    assert_int_equal(files_in_folder(), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
 }
 
 static void two_writers_do_not_mix(void **state) {
@@ -96,7 +86,7 @@ static void two_writers_do_not_mix(void **state) {
     assert_holds("aaaa");
     lw_support_ok(lw_atomic_file_commit(&b, &err), &err);
     assert_holds("bb");
-    assert_int_equal(files_in_folder(), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
 }
 
 static void a_place_that_goes_away_is_reported(void **state) {
@@ -131,7 +121,7 @@ static void what_killed_writers_left_is_swept(void **state) {
     touch("file.1-0.tmp");
     touch("file.4194304-123.tmp");
     assert_int_equal(lw_atomic_file_sweep(path), 2);
-    assert_int_equal(files_in_folder(), 1 + sizeof others / sizeof *others);
+    assert_int_equal(lw_support_files_in(folder), 1 + sizeof others / sizeof *others);
     assert_int_equal(lw_atomic_file_sweep(path), 0);
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         char full[sizeof folder + 64];
@@ -155,7 +145,7 @@ static void what_is_in_work_is_not_swept(void **state) {
     file.durable = true;
     lw_support_ok(lw_atomic_file_commit(&file, &err), &err);
     assert_holds("new");
-    assert_int_equal(files_in_folder(), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
 }
 
 static void the_mode_of_an_old_file_stays(void **state) {
@@ -194,7 +184,7 @@ static void a_stop_ends_a_file(void **state) {
             at_commit ? lw_atomic_file_commit(&file, &err) : lw_atomic_file_write(&file, "er", 2, &err);
         lw_support_fails(status, LW_CLOSED, &err, "stopped before it was whole");
         lw_atomic_file_abandon(&file);
-        assert_int_equal(files_in_folder(), 0);
+        assert_int_equal(lw_support_files_in(folder), 0);
     }
 }
 
@@ -204,11 +194,11 @@ static void a_check_leaves_nothing(void **state) {
     lw_support_ok(lw_atomic_file_check("/dev/null", &err), &err);
     unlink(path);
     lw_support_ok(lw_atomic_file_check(path, &err), &err);
-    assert_int_equal(files_in_folder(), 0);
+    assert_int_equal(lw_support_files_in(folder), 0);
     write_whole("old");
     lw_support_ok(lw_atomic_file_check(path, &err), &err);
     assert_holds("old");
-    assert_int_equal(files_in_folder(), 1);
+    assert_int_equal(lw_support_files_in(folder), 1);
 
     lw_support_fails(lw_atomic_file_check(folder, &err), LW_CANNOT_CREATE, &err, "is a folder; name a file");
     char inner[sizeof path + 16], text[sizeof inner + 64];

@@ -1,3 +1,4 @@
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "common/base/random.h"
@@ -153,19 +154,12 @@ static void test_atrium(void **state) {
     assert_int_equal(scene->light[0].kind, LW_LIGHT_DIRECTIONAL);
 }
 
-static uint32_t find_object(const struct lw_scene *scene, const char *name) {
-    for (uint32_t o = 0; o < scene->object_count; o++)
-        if (strcmp(scene->object[o].name, name) == 0) return o;
-    fail_msg("no object %s", name);
-    return 0;
-}
-
 static void test_atrium_has_what_it_promises(void **state) {
     const struct lw_scene *scene = *state;
     static const char *const names[] = {"floor",        "lower columns", "lower arcade", "red cloth",
                                         "plants",       "amphora",       "krater",       "jar",
                                         "hanging lamp", "lantern",       "armillary"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++) find_object(scene, names[i]);
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) lw_support_object(scene, names[i]);
     unsigned masked = 0, emissive = 0;
     for (uint32_t i = 0; i < scene->material_count; i++) {
         masked += scene->material[i].alpha_mode == LW_ALPHA_MASK;
@@ -189,7 +183,7 @@ static void test_atrium_moves_lantern_and_rings_alone(void **state) {
     lw_support_ok(lw_pose_init(&at_start, scene), NULL);
     lw_support_ok(lw_pose_init(&later, scene), NULL);
     lw_pose_evaluate(&later, scene, 0.2 * (double)scene->duration_s);
-    uint32_t lantern = find_object(scene, "lantern"), rings = find_object(scene, "armillary");
+    uint32_t lantern = lw_support_object(scene, "lantern"), rings = lw_support_object(scene, "armillary");
     for (uint32_t o = 0; o < scene->object_count; o++) {
         bool expected = o == lantern || o == rings;
         assert_int_equal(lw_pose_object_moves(&at_start, scene, o), expected);
@@ -207,7 +201,7 @@ static void test_atrium_loop_is_smooth(void **state) {
     lw_support_ok(lw_pose_init(&pose, scene), NULL);
     assert_true(scene->duration_s == 20.0f);
     const int rate = 240, steps = rate * 20;
-    uint32_t moving[2] = {find_object(scene, "lantern"), find_object(scene, "armillary")};
+    uint32_t moving[2] = {lw_support_object(scene, "lantern"), lw_support_object(scene, "armillary")};
     for (int m = 0; m < 2; m++) {
         struct lw_vec3 before = {0, 0, 0}, speed_before = {0, 0, 0};
         for (int i = 0; i <= steps + rate; i++) { /* a second into the next round */
@@ -253,7 +247,7 @@ static void test_atrium_finishes_vary(void **state) {
     assert_int_equal(surface->content, LW_CONTENT_SURFACE);
     assert_true(grout[1] > 220 && glaze[1] < 130);
     assert_true(grout[0] < glaze[0]);
-    const struct lw_mesh *rings = &scene->mesh[scene->object[find_object(scene, "armillary")].mesh];
+    const struct lw_mesh *rings = &scene->mesh[scene->object[lw_support_object(scene, "armillary")].mesh];
     struct lw_surface at;
     lw_scene_surface(scene, rings, 0, 0.3f, 0.3f, &at);
     assert_true(at.base.x > 0.5f && fabsf(at.albedo.x / at.base.x - 1) < 0.1f);
@@ -499,7 +493,7 @@ static void test_city_traffic(void **state) {
     for (uint32_t o = 0; o < scene->object_count; o++) movers += lw_pose_object_moves(&pose, scene, o);
     assert_int_equal(movers, 3);
     for (int v = 0; v < 3; v++) {
-        const uint32_t object = find_object(scene, vehicle[v].name);
+        const uint32_t object = lw_support_object(scene, vehicle[v].name);
         struct lw_vec3 before = {0, 0, 0};
         for (int step = 0; step <= 1300; step++) { /* a second into the next round */
             lw_pose_evaluate(&pose, scene, 0.1 * step);
@@ -581,30 +575,14 @@ static void test_same_bytes_every_time(void **state) {
     }
 }
 
-static unsigned allocations_left = UINT32_MAX; /* before the one that fails */
-void *__real_malloc(size_t size);
-void *__real_calloc(size_t count, size_t size);
-void *__real_realloc(void *old, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_realloc(void *old, size_t size);
-static bool allowed(void) {
-    if (allocations_left == UINT32_MAX) return true;
-    return allocations_left-- > 0; /* after the failure it has wrapped: all others succeed */
-}
-void *__wrap_malloc(size_t size) { return allowed() ? __real_malloc(size) : NULL; }
-void *__wrap_calloc(size_t count, size_t size) { return allowed() ? __real_calloc(count, size) : NULL; }
-void *__wrap_realloc(void *old, size_t size) { return allowed() ? __real_realloc(old, size) : NULL; }
-
 /** Builds with one failing allocation, after `before` good ones. Returns false if the build needs no more
  * than `before`. */
 static bool fails_after(const char *name, unsigned before) {
     struct lw_scene *scene = NULL;
     struct lw_error err = {0};
-    allocations_left = before;
+    failing_memory_one(before);
     enum lw_status status = lw_builtin_build(name, &scene, &err);
-    bool failed = allocations_left == UINT32_MAX;
-    allocations_left = UINT32_MAX;
+    const bool failed = failing_memory_end();
     assert_int_equal(status, failed ? LW_NO_MEMORY : LW_OK);
     if (failed) {
         assert_null(scene);
@@ -633,11 +611,10 @@ static void test_reliefs_out_of_memory(void **state) {
         struct lw_scene *scene = NULL;
         struct lw_error err = {0};
         assert_int_equal(lw_builtin_stage_init(&stage, "reliefs"), LW_OK);
-        allocations_left = before;
+        failing_memory_one(before);
         const struct lw_builtin_relief relief =
             lw_builtin_texture_add_relief(&stage, LW_BUILTIN_RELIEF_BRONZE);
-        failed = allocations_left == UINT32_MAX;
-        allocations_left = UINT32_MAX;
+        failed = failing_memory_end();
         assert_int_equal(stage.failed, failed);
         if (!failed) assert_true(before >= 3 && relief.normal == 0 && relief.surface == 1);
         assert_int_equal(lw_builtin_stage_finish(&stage, &scene, &err), failed ? LW_NO_MEMORY : LW_OK);

@@ -1,26 +1,13 @@
+#include "tests/support/damage.h"
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "common/scene/finish_package.h"
 #include "common/scene/package.h"
 
-#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* Allocations until one fails; negative: none does. The linker sends the library's calls here. */
-static long allocations_left = -1;
-
-static bool allocation_fails(void) { return allocations_left >= 0 && allocations_left-- == 0; }
-
-void *__real_malloc(size_t size);
-void *__real_calloc(size_t count, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_malloc(size_t size) { return allocation_fails() ? NULL : __real_malloc(size); }
-void *__wrap_calloc(size_t count, size_t size) {
-    return allocation_fails() ? NULL : __real_calloc(count, size);
-}
 
 #define HEADER_SIZE 32u
 #define ENTRY(n)    (HEADER_SIZE + 24u * ((n)-1)) /* offset of section id n */
@@ -92,25 +79,6 @@ static struct lw_scene *build_example(void) {
     return scene;
 }
 
-/* Bytes of the text's next block ```hex: lines of an offset, bytes, and a comment behind ';'. */
-static size_t parse_document(const char *text, uint8_t *out, size_t capacity) {
-    const char *line = strstr(text, "```hex\n");
-    assert_non_null(line);
-    size_t count = 0;
-    for (line = strchr(line, '\n') + 1; strncmp(line, "```", 3) != 0; line = strchr(line, '\n') + 1) {
-        char *end;
-        assert_int_equal(strtoul(line, &end, 16), count); /* the offset */
-        while (true) {
-            const char *start = end + strspn(end, " ");
-            if (!isxdigit((unsigned char)*start)) break; /* strtoul would go on to the next line */
-            unsigned long byte = strtoul(start, &end, 16);
-            assert_true(byte < 256 && count < capacity);
-            out[count++] = (uint8_t)byte;
-        }
-    }
-    return count;
-}
-
 static void the_document_shows_the_bytes(void **state) {
     (void)state;
     size_t text_size, size;
@@ -118,7 +86,7 @@ static void the_document_shows_the_bytes(void **state) {
     uint8_t expected[1024];
     const char *example = strstr(text, "finishes of the example");
     assert_non_null(example);
-    const size_t expected_size = parse_document(example, expected, sizeof expected);
+    const size_t expected_size = lw_support_document_bytes(&example, expected, sizeof expected);
     struct lw_scene *scene = build_example();
     uint8_t *bytes = write_finishes(scene, &size);
     assert_int_equal(size, expected_size);
@@ -260,15 +228,7 @@ static void cut_off_anywhere_is_refused(void **state) {
     (void)state;
     size_t size;
     uint8_t *bytes = write_everything(&size);
-    for (size_t cut = 0; cut < size; cut++) {
-        struct lw_error err = {0};
-        assert_int_equal(read_exactly(bytes, cut, &err), LW_BAD_DATA);
-        assert_true(*err.text);
-        if (cut < 24) continue; /* a liar may also adapt the size field */
-        set_u64(bytes + 16, cut);
-        assert_int_equal(read_exactly(bytes, cut, NULL), LW_BAD_DATA);
-        set_u64(bytes + 16, size);
-    }
+    damage_cut(bytes, size, read_exactly);
     free(bytes);
 }
 
@@ -277,38 +237,18 @@ static void cut_off_anywhere_is_refused(void **state) {
 
 static void every_flipped_bit_is_refused_or_sound(void **state) {
     (void)state;
-    size_t size, refused = 0;
+    size_t size;
     uint8_t *bytes = write_everything(&size);
-    for (size_t bit = 0; bit < 8 * size; bit++) {
-        struct lw_error err = {0};
-        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        const enum lw_status status = read_exactly(bytes, size, &err);
-        assert_true(status == LW_OK || (status == LW_BAD_DATA && *err.text));
-        refused += status != LW_OK;
-        bytes[bit / 8] ^= (uint8_t)(1u << bit % 8);
-    }
-    assert_int_equal(refused, FLIPPED_BITS_REFUSED); /* every bit of header and table among them */
+    /* every bit of header and table among them */
+    assert_int_equal(damage_flip(bytes, size, read_exactly), FLIPPED_BITS_REFUSED);
     free(bytes);
 }
 
 static void every_word_with_an_extreme_value_is_refused_or_sound(void **state) {
     (void)state;
-    static const uint32_t extremes[] = {
-        0,          1,          3,          4,          0x7F,       0x100,      0x7FFFFFFF, 0x80000000,
-        0xFFFFFFFE, 0xFFFFFFFF, 0x7F800000, 0xFF800000, 0x7FC00000, 0x7F7FFFFF, 0x00000001, 0x40000000};
     size_t size;
     uint8_t *bytes = write_everything(&size);
-    for (size_t word = 0; word + 4 <= size; word += 4) {
-        uint8_t kept[4];
-        memcpy(kept, bytes + word, 4);
-        for (size_t i = 0; i < sizeof extremes / sizeof *extremes; i++) {
-            set_u32(bytes + word, extremes[i]);
-            struct lw_error err = {0};
-            const enum lw_status status = read_exactly(bytes, size, &err);
-            assert_true(status == LW_OK || (status == LW_BAD_DATA && *err.text));
-        }
-        memcpy(bytes + word, kept, 4);
-    }
+    damage_words(bytes, size, read_exactly);
     free(bytes);
 }
 
@@ -440,13 +380,13 @@ static void failing_allocations_are_reported(void **state) {
     struct lw_scene *scene = lw_support_everything();
     lw_support_add_finishes(scene);
     size_t size;
-    long write_failures = 0;
+    unsigned write_failures = 0;
     uint8_t *bytes = NULL;
     for (;; write_failures++) {
         struct lw_error err = {0};
-        allocations_left = write_failures;
+        failing_memory_one(write_failures);
         const enum lw_status status = lw_finish_package_write(scene, &bytes, &size, &err);
-        allocations_left = -1;
+        (void)failing_memory_end();
         if (status == LW_OK) break;
         lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
     }
@@ -454,13 +394,11 @@ static void failing_allocations_are_reported(void **state) {
     lw_scene_destroy(scene);
     struct lw_scene *target = lw_support_everything();
     struct lw_error err = {0};
-    while (allocations_left < 0) { /* until its small chunk is full, nothing is allocated */
+    for (;;) { /* until its small chunk is full, nothing is allocated */
         err = (struct lw_error){0};
-        allocations_left = 0;
+        failing_memory_one(0);
         const enum lw_status status = lw_finish_package_read(bytes, size, target, &err);
-        const bool failed = allocations_left < 0 && status != LW_OK;
-        allocations_left = -1;
-        if (failed) {
+        if (failing_memory_end() && status != LW_OK) {
             lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
             expect_matt(target);
             break;

@@ -18,23 +18,12 @@ static void write_picture(const char *name, uint8_t count, const uint8_t rgb[][3
     lw_foreign_case_write_bytes(name, tga, 18 + 3u * count);
 }
 
-static struct lw_scene *load(const char *name) {
-    struct lw_scene *scene;
-    struct lw_error err = {0};
-    if (lw_foreign_case_load(name, LW_FOREIGN_SIDES_AUTO, &scene, &err)) fail_msg("%s: %s", name, err.text);
-    return scene;
-}
-
 static struct lw_scene *load_mtl(const char *lines) {
     char text[1024];
     snprintf(text, sizeof text, "newmtl t\n%s\n", lines);
     lw_foreign_case_write_text("t.mtl", text);
     lw_foreign_case_write_text("t.obj", "mtllib t.mtl\nusemtl t\n" QUAD FACE);
-    return load("t.obj");
-}
-
-static const struct lw_material *material_of(const struct lw_scene *scene) {
-    return &scene->material[scene->mesh[0].material[0]];
+    return lw_foreign_case_scene("t.obj");
 }
 
 /* What exporters write on everything is no gloss: rooms keep their light. */
@@ -51,7 +40,8 @@ static void highlights_of_exporters_are_no_gloss(void **state) {
     };
     for (size_t i = 0; i < sizeof matt / sizeof *matt; i++) {
         struct lw_scene *scene = load_mtl(matt[i]);
-        if (material_of(scene)->finish || scene->mesh[0].tangent || *lw_foreign_case_talk())
+        if (lw_foreign_case_first_material(scene)->finish || scene->mesh[0].tangent ||
+            *lw_foreign_case_talk())
             fail_msg("%s: %s", matt[i], lw_foreign_case_talk());
         lw_scene_destroy(scene);
     }
@@ -73,9 +63,9 @@ static void roughness_and_metalness_are_read(void **state) {
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct lw_scene *scene = load_mtl(cases[i].lines);
-        const struct lw_finish *f = material_of(scene)->finish;
+        const struct lw_finish *f = lw_foreign_case_first_material(scene)->finish;
         if (!f || f->metalness != cases[i].metalness || fabsf(f->roughness - cases[i].roughness) > 1e-6f ||
-            f->specular != 1 || material_of(scene)->base_colour[1] != cases[i].base)
+            f->specular != 1 || lw_foreign_case_first_material(scene)->base_colour[1] != cases[i].base)
             fail_msg("%s: %g %g", cases[i].lines, f ? (double)f->metalness : -1,
                      f ? (double)f->roughness : -1);
         lw_scene_destroy(scene);
@@ -88,7 +78,7 @@ static void maps_of_gloss_become_one(void **state) {
     write_picture("metal.tga", 2, (const uint8_t[][3]){{100, 2, 2}, {200, 2, 2}});
     write_picture("both.tga", 1, (const uint8_t[][3]){{1, 60, 70}});
     struct lw_scene *scene = load_mtl("map_Pr rough.tga\nmap_Pm metal.tga");
-    const struct lw_finish *f = material_of(scene)->finish;
+    const struct lw_finish *f = lw_foreign_case_first_material(scene)->finish;
     assert_int_equal(scene->finish_texture_count, 1);
     assert_int_equal(scene->finish_texture[0].width, 4);
     assert_memory_equal(scene->finish_texture[0].rgba + 12, ((const uint8_t[]){255, 40, 200, 255}), 4);
@@ -97,16 +87,16 @@ static void maps_of_gloss_become_one(void **state) {
     lw_scene_destroy(scene);
     scene = load_mtl("Pm 0.5\nPr 0\nmap_Pr both.tga\nmap_Pm both.tga"); /* as glTF has it in one picture */
     assert_memory_equal(scene->finish_texture[0].rgba, ((const uint8_t[]){255, 60, 70, 255}), 4);
-    assert_float_equal(material_of(scene)->finish->metalness, 0.5, 0);
-    assert_float_equal(material_of(scene)->finish->roughness, 1, 0); /* 0 hides no map */
+    assert_float_equal(lw_foreign_case_first_material(scene)->finish->metalness, 0.5, 0);
+    assert_float_equal(lw_foreign_case_first_material(scene)->finish->roughness, 1, 0); /* 0 hides no map */
     lw_scene_destroy(scene);
     scene = load_mtl("map_Pr -imfchan b -mm 0.5 0.5 -s 2 2 both.tga");
     assert_int_equal(scene->finish_texture[0].rgba[1], 163); /* 127.5 + 35 */
-    assert_float_equal(material_of(scene)->finish->surface_texture.transform[0], 2, 0);
-    assert_float_equal(material_of(scene)->finish->metalness, 0, 0);
+    assert_float_equal(lw_foreign_case_first_material(scene)->finish->surface_texture.transform[0], 2, 0);
+    assert_float_equal(lw_foreign_case_first_material(scene)->finish->metalness, 0, 0);
     lw_scene_destroy(scene);
     scene = load_mtl("map_Pr lost.tga\nPm 1");
-    assert_null(material_of(scene)->finish);
+    assert_null(lw_foreign_case_first_material(scene)->finish);
     lw_scene_destroy(scene);
 }
 
@@ -130,7 +120,7 @@ static void relief_is_of_heights_or_normals(void **state) {
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct lw_scene *scene = load_mtl(cases[i].lines);
-        const struct lw_finish *f = material_of(scene)->finish;
+        const struct lw_finish *f = lw_foreign_case_first_material(scene)->finish;
         if (!f || f->normal_scale != cases[i].scale || f->specular != 0) fail_msg("%s", cases[i].lines);
         const struct lw_texture *texture = &scene->finish_texture[f->normal_texture.texture];
         assert_int_equal(texture->content, LW_CONTENT_NORMAL);
@@ -142,10 +132,10 @@ static void relief_is_of_heights_or_normals(void **state) {
         lw_scene_destroy(scene);
     }
     struct lw_scene *scene = load_mtl("bump -bm 0 heights.tga");
-    assert_null(material_of(scene)->finish);
+    assert_null(lw_foreign_case_first_material(scene)->finish);
     lw_scene_destroy(scene);
     scene = load_mtl("norm lost.tga");
-    assert_null(material_of(scene)->finish);
+    assert_null(lw_foreign_case_first_material(scene)->finish);
     assert_null(scene->mesh[0].tangent);
     lw_scene_destroy(scene);
 }
@@ -215,7 +205,7 @@ static struct lw_scene *load_fbx(const char *properties, const struct fbx_map *m
     }
     snprintf(text, sizeof text, fbx_format, properties, textures, connections);
     lw_foreign_case_write_text("t.fbx", text);
-    return load("t.fbx");
+    return lw_foreign_case_scene("t.fbx");
 }
 
 /* A square with one effect of a shading model. %s: its parameters, its extras. */
@@ -257,7 +247,7 @@ static struct lw_scene *load_dae(const char *picture, const char *model, const c
     char text[8192];
     snprintf(text, sizeof text, dae_format, picture, model, extra);
     lw_foreign_case_write_text("t.dae", text);
-    return load("t.dae");
+    return lw_foreign_case_scene("t.dae");
 }
 
 static void write_reliefs(void) {
@@ -268,7 +258,7 @@ static void write_reliefs(void) {
 
 /* A normal map of x 160 in its second texel, or heights that rise to the right; and no gloss. */
 static void check_relief(struct lw_scene *scene, bool normals, float scale) {
-    const struct lw_finish *f = material_of(scene)->finish;
+    const struct lw_finish *f = lw_foreign_case_first_material(scene)->finish;
     assert_non_null(f);
     assert_float_equal(f->normal_scale, scale, 0);
     assert_float_equal(f->specular, 0, 0);
@@ -291,7 +281,7 @@ static void phong_of_fbx_and_collada_is_matt(void **state) {
         FBX_COLOUR("DiffuseColor", "0.8,0.8,0.8") FBX_COLOUR("SpecularColor", "0.5,0.5,0.5")
             FBX_NUMBER("ShininessExponent", "25") FBX_NUMBER("ReflectionFactor", "0.5");
     struct lw_scene *scene = load_fbx(phong, NULL, 0);
-    assert_null(material_of(scene)->finish);
+    assert_null(lw_foreign_case_first_material(scene)->finish);
     lw_scene_destroy(scene);
     scene = load_dae(
         "none.tga",
@@ -299,7 +289,7 @@ static void phong_of_fbx_and_collada_is_matt(void **state) {
         "1</color></specular><shininess><float>50</float></shininess><reflective><color>1 1 1 1</color>"
         "</reflective><reflectivity><float>0.5</float></reflectivity></phong>",
         "");
-    assert_null(material_of(scene)->finish);
+    assert_null(lw_foreign_case_first_material(scene)->finish);
     lw_scene_destroy(scene);
 }
 
@@ -314,11 +304,11 @@ static void a_black_diffuse_of_fbx_and_collada_is_a_mirror(void **state) {
                  "1</color></specular><shininess><float>30</float></shininess></blinn>",
                  "")};
     for (int i = 0; i < 2; i++) {
-        const struct lw_finish *f = material_of(mirror[i])->finish;
+        const struct lw_finish *f = lw_foreign_case_first_material(mirror[i])->finish;
         assert_non_null(f);
         assert_float_equal(f->metalness, 1, 0);
         assert_float_equal(f->roughness, 0.5, 1e-6); /* (2 / 32)^(1/4) */
-        assert_float_equal(material_of(mirror[i])->base_colour[1], 0.75, 1e-6);
+        assert_float_equal(lw_foreign_case_first_material(mirror[i])->base_colour[1], 0.75, 1e-6);
         lw_scene_destroy(mirror[i]);
     }
 }
@@ -350,12 +340,12 @@ static void metalness_and_roughness_of_fbx_are_read(void **state) {
         load_fbx(FBX_COLOUR("Maya|base_color", "0.75,0.5,0.25") FBX_NUMBER("Maya|metallic", "1")
                      FBX_NUMBER("Maya|roughness", "0.25"),
                  NULL, 0);
-    const struct lw_finish *f = material_of(scene)->finish;
+    const struct lw_finish *f = lw_foreign_case_first_material(scene)->finish;
     assert_non_null(f);
     assert_float_equal(f->metalness, 1, 0);
     assert_float_equal(f->roughness, 0.25, 0);
     assert_float_equal(f->specular, 1, 0);
-    assert_float_equal(material_of(scene)->base_colour[1], 0.5, 1e-6);
+    assert_float_equal(lw_foreign_case_first_material(scene)->base_colour[1], 0.5, 1e-6);
     lw_scene_destroy(scene);
     static const struct fbx_map maps[][4] = {{{"Maya|TEX_roughness_map", "rough.tga"},
                                               {"Maya|TEX_metallic_map", "metal.tga"},
@@ -370,7 +360,7 @@ static void metalness_and_roughness_of_fbx_are_read(void **state) {
             FBX_COLOUR("DiffuseColor",
                        "0.8,0.8,0.8") "   P: \"3dsMax|main|useGlossiness\", \"Integer\", \"\", \"A\",2\n",
             maps[i], 4);
-        f = material_of(scene)->finish;
+        f = lw_foreign_case_first_material(scene)->finish;
         assert_non_null(f);
         assert_float_equal(f->metalness, 1, 0);
         assert_float_equal(f->roughness, 1, 0);

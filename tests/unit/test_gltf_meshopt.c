@@ -144,14 +144,6 @@ static const struct {
      "byteLength: 60 bytes cannot hold 120000"},
 };
 
-static char *replace(const char *text, const char *old, const char *new) {
-    const char *at = strstr(text, old);
-    if (!at) fail_msg("the scene has no %s", old);
-    char *out = malloc(strlen(text) + strlen(new) + 1);
-    sprintf(out, "%.*s%s%s", (int)(at - text), text, new, at + strlen(old));
-    return out;
-}
-
 static void wrong_places_are_named(void **state) {
     (void)state;
     struct streams streams;
@@ -159,7 +151,7 @@ static void wrong_places_are_named(void **state) {
     for (size_t i = 0; i < sizeof wrong_places / sizeof *wrong_places; i++) {
         struct lw_scene *scene = NULL;
         struct lw_error err = {0};
-        char *json = replace(describe(&streams, false), wrong_places[i].old, wrong_places[i].new);
+        char *json = lw_support_replaced(describe(&streams, false), wrong_places[i].old, wrong_places[i].new);
         lw_support_fails(load(json, &streams, &scene, &err), LW_BAD_DATA, &err, wrong_places[i].text);
         assert_null(scene);
         free(json);

@@ -1,3 +1,4 @@
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "client/paths/guide.h"
@@ -6,16 +7,6 @@
 #include <omp.h>
 #include <stdlib.h>
 #include <string.h>
-
-static unsigned allocations_left = UINT32_MAX;
-
-void *__real_calloc(size_t count, size_t size);
-void *__wrap_calloc(size_t count, size_t size);
-void *__wrap_calloc(size_t count, size_t size) {
-    if (allocations_left == 0) return NULL;
-    if (allocations_left != UINT32_MAX) allocations_left--;
-    return __real_calloc(count, size);
-}
 
 static struct lw_guide *create(float alpha, float beta) {
     struct lw_guide *guide;
@@ -292,9 +283,9 @@ static void test_out_of_memory(void **state) {
     unsigned enough = 0;
     for (; status != LW_OK; enough++) {
         struct lw_error err = {0};
-        allocations_left = enough;
+        failing_memory_all(enough);
         status = lw_guide_create(&(struct lw_guide_desc){.alpha = 0}, &guide, &err);
-        allocations_left = UINT32_MAX;
+        (void)failing_memory_end();
         if (status == LW_OK) break;
         assert_int_equal(status, LW_NO_MEMORY);
         assert_null(guide);

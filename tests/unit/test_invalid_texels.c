@@ -7,13 +7,6 @@
 
 #include <string.h>
 
-static uint32_t object_named(const struct lw_scene *scene, const char *name) {
-    for (uint32_t o = 0; o < scene->object_count; o++)
-        if (strcmp(scene->object[o].name, name) == 0) return o;
-    fail_msg("no object %s", name);
-    return 0;
-}
-
 /* Texels of an object that have surface; all: whether light reaches it or not. */
 static uint32_t covered(const struct lw_texels *texels, uint32_t object, bool all) {
     const struct lw_mesh_texels *mesh = &texels->mesh[texels->scene->object[object].mesh];
@@ -48,8 +41,8 @@ static void what_was_buried_comes_to_light(void **state) {
     struct lw_texels texels;
     struct lw_error err = {0};
     lw_support_ok(lw_builtin_build("builtin:cornell", &scene, &err), &err);
-    const uint32_t floor = object_named(scene, "floor"), tall = object_named(scene, "tall block"),
-                   small = object_named(scene, "short block");
+    const uint32_t floor = lw_support_object(scene, "floor"), tall = lw_support_object(scene, "tall block"),
+                   small = lw_support_object(scene, "short block");
     /* slabs: only a surface close above a texel buries it */
     scene->node[scene->object[tall].node].scale[1] = scene->node[scene->object[small].node].scale[1] = 0.01f;
     lw_support_ok(lw_lightmap_build(scene, &(struct lw_lightmap_desc){.texels_per_metre = 20}, NULL, &err),

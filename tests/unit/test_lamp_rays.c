@@ -3,7 +3,7 @@
 #include "common/base/random.h"
 #include "common/light/direction.h"
 #include "common/light/lamp_rays.h"
-#include "tests/support/support.h"
+#include "tests/support/light_stage.h"
 
 #include <math.h>
 #include <string.h>
@@ -21,66 +21,15 @@ struct stage {
     struct lw_lamp_rays lamps;
 };
 
-static void add_quad(struct lw_scene *scene, struct lw_vec3 corner, struct lw_vec3 u, struct lw_vec3 v,
-                     float emission, bool both) {
-    const uint32_t i = scene->object_count;
-    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position),
-                   *normal = lw_scene_alloc(scene, 4, sizeof *normal);
-    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
-    uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
-    position[0] = corner;
-    position[1] = lw_vec3_add(corner, u);
-    position[2] = lw_vec3_add(position[1], v);
-    position[3] = lw_vec3_add(corner, v);
-    for (int k = 0; k < 4; k++) normal[k] = lw_vec3_normalize(lw_vec3_cross(u, v));
-    memcpy(triangle, (uint32_t[2][3]){{0, 1, 2}, {0, 2, 3}}, sizeof(uint32_t[2][3]));
-    material[0] = material[1] = i;
-    scene->mesh[i] = (struct lw_mesh){.name = "quad",
-                                      .vertex_count = 4,
-                                      .triangle_count = 2,
-                                      .position = position,
-                                      .normal = normal,
-                                      .triangle = triangle,
-                                      .material = material};
-    scene->material[i] = (struct lw_material){
-        .name = "lamp",
-        .base_colour = {1, 1, 1, 1},
-        .emission = {emission, emission, emission},
-        .double_sided = both,
-        .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
-        .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};
-    scene->object[i] = (struct lw_object){.name = "quad", .mesh = i, .node = 0};
-    scene->object_count = scene->mesh_count = scene->material_count = i + 1;
-}
-
 static void begin(struct stage *s, float emission, bool both, const struct lw_light *light, float sky) {
     struct lw_error err = {0};
-    *s = (struct stage){0};
-    lw_support_ok(lw_scene_create(&s->scene), NULL);
-    s->scene->name = "stage";
-    s->scene->mesh = lw_scene_alloc(s->scene, 2, sizeof *s->scene->mesh);
-    s->scene->material = lw_scene_alloc(s->scene, 2, sizeof *s->scene->material);
-    s->scene->object = lw_scene_alloc(s->scene, 2, sizeof *s->scene->object);
-    s->scene->node = lw_scene_alloc(s->scene, 2, sizeof *s->scene->node);
-    s->scene->light = lw_scene_alloc(s->scene, 1, sizeof *s->scene->light);
-    s->scene->node[0] =
-        (struct lw_node){.name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
-    s->scene->node[1] = (struct lw_node){.name = "",
-                                         .parent = LW_SCENE_NONE,
-                                         .rotation = {-sqrtf(0.5f), 0, 0, sqrtf(0.5f)}, /* -Z turned to -Y */
-                                         .scale = {1, 1, 1},
-                                         .translation = {0.2f, 1.5f, -0.1f}};
-    s->scene->node_count = 2;
+    *s = (struct stage){.scene = light_stage_create()};
     /* faces down */
-    add_quad(s->scene, lw_vec3(-0.4f, 1.2f, -0.3f), lw_vec3(0.8f, 0, 0), lw_vec3(0, 0, 0.6f), emission, both);
+    light_stage_add_quad(s->scene, lw_vec3(-0.4f, 1.2f, -0.3f), lw_vec3(0.8f, 0, 0), lw_vec3(0, 0, 0.6f),
+                         emission, both);
     /* dark: the floor, which makes the box */
-    add_quad(s->scene, lw_vec3(-2, -0.5f, -1.5f), lw_vec3(0, 0, 3), lw_vec3(4, 0, 0), 0, false);
-    if (light) {
-        s->scene->light[0] = *light;
-        s->scene->light[0].name = "light";
-        s->scene->light[0].node = 1;
-        s->scene->light_count = 1;
-    }
+    light_stage_add_quad(s->scene, lw_vec3(-2, -0.5f, -1.5f), lw_vec3(0, 0, 3), lw_vec3(4, 0, 0), 0, false);
+    if (light) light_stage_add_light(s->scene, *light, lw_vec3(0.2f, 1.5f, -0.1f));
     for (int c = 0; c < 3; c++) s->scene->sky[c] = sky;
     lw_support_ok(lw_scene_validate(s->scene, &err), &err);
     lw_support_ok(lw_pose_init(&s->pose, s->scene), NULL);

@@ -3,80 +3,16 @@
 #include "common/base/random.h"
 #include "common/light/direction.h"
 #include "common/light/lights16.h"
-#include "tests/support/support.h"
+#include "tests/support/light_stage.h"
 
 #include <math.h>
 #include <string.h>
 
-#define QUADS_MAX 64
-
-/* Quads that shine, each an object and a material of its own, facing along edge_u x edge_v. */
 struct stage {
     struct lw_scene *scene;
     struct lw_pose pose;
     struct lw_lights lights;
 };
-
-static void add_quad(struct stage *s, struct lw_vec3 corner, struct lw_vec3 u, struct lw_vec3 v,
-                     float emission, bool double_sided) {
-    struct lw_scene *scene = s->scene;
-    const uint32_t i = scene->object_count;
-    assert_true(i < QUADS_MAX);
-    struct lw_vec3 *position = lw_scene_alloc(scene, 4, sizeof *position),
-                   *normal = lw_scene_alloc(scene, 4, sizeof *normal);
-    uint32_t(*triangle)[3] = lw_scene_alloc(scene, 2, sizeof *triangle);
-    uint32_t *material = lw_scene_alloc(scene, 2, sizeof *material);
-    position[0] = corner;
-    position[1] = lw_vec3_add(corner, u);
-    position[2] = lw_vec3_add(position[1], v);
-    position[3] = lw_vec3_add(corner, v);
-    for (int k = 0; k < 4; k++) normal[k] = lw_vec3_normalize(lw_vec3_cross(u, v));
-    memcpy(triangle, (uint32_t[2][3]){{0, 1, 2}, {0, 2, 3}}, sizeof(uint32_t[2][3]));
-    material[0] = material[1] = i;
-    scene->mesh[i] = (struct lw_mesh){.name = "quad",
-                                      .vertex_count = 4,
-                                      .triangle_count = 2,
-                                      .position = position,
-                                      .normal = normal,
-                                      .triangle = triangle,
-                                      .material = material};
-    scene->material[i] = (struct lw_material){
-        .name = "lamp",
-        .base_colour = {1, 1, 1, 1},
-        .emission = {emission, emission, emission},
-        .double_sided = double_sided,
-        .base_colour_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}},
-        .emission_texture = {.texture = LW_SCENE_NONE, .transform = {1, 0, 0, 0, 1, 0}}};
-    scene->object[i] = (struct lw_object){.name = "quad", .mesh = i, .node = 0};
-    scene->object_count = scene->mesh_count = scene->material_count = i + 1;
-}
-
-static void add_light(struct stage *s, struct lw_light light, struct lw_vec3 position) {
-    struct lw_scene *scene = s->scene;
-    struct lw_node *node = &scene->node[scene->node_count];
-    *node = (struct lw_node){.name = "",
-                             .parent = LW_SCENE_NONE,
-                             .rotation = {-sqrtf(0.5f), 0, 0, sqrtf(0.5f)}, /* -Z turned to -Y */
-                             .scale = {1, 1, 1},
-                             .translation = {position.x, position.y, position.z}};
-    light.name = "light";
-    light.node = scene->node_count++;
-    scene->light[scene->light_count++] = light;
-}
-
-static void begin(struct stage *s) {
-    *s = (struct stage){0};
-    lw_support_ok(lw_scene_create(&s->scene), NULL);
-    s->scene->name = "stage";
-    s->scene->mesh = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->mesh);
-    s->scene->material = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->material);
-    s->scene->object = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->object);
-    s->scene->node = lw_scene_alloc(s->scene, 2 * QUADS_MAX, sizeof *s->scene->node);
-    s->scene->light = lw_scene_alloc(s->scene, QUADS_MAX, sizeof *s->scene->light);
-    s->scene->node[0] =
-        (struct lw_node){.name = "", .parent = LW_SCENE_NONE, .rotation = {0, 0, 0, 1}, .scale = {1, 1, 1}};
-    s->scene->node_count = 1;
-}
 
 static void ready(struct stage *s) {
     struct lw_error err = {0};
@@ -96,27 +32,31 @@ static const struct lw_vec3 origin = {0, 0, 0}, up = {0, 1, 0};
 /* Two lamps overhead, one of them shining both ways, one that turns its back, a point, a spot, two suns, a
  * sky. */
 static void everything(struct stage *s, unsigned lamps) {
-    begin(s);
+    *s = (struct stage){.scene = light_stage_create()};
     for (unsigned i = 0; i < lamps; i++) {
         float x = 0.9f * (float)(i % 6) - 2.5f, z = 0.8f * (float)(i / 6) - 1.5f;
-        add_quad(s, lw_vec3(x, 1 + 0.2f * (float)(i % 3), z), lw_vec3(0.5f, 0, 0), lw_vec3(0, 0, 0.4f),
-                 1 + (float)(i % 4), i % 5 == 1);
+        light_stage_add_quad(s->scene, lw_vec3(x, 1 + 0.2f * (float)(i % 3), z), lw_vec3(0.5f, 0, 0),
+                             lw_vec3(0, 0, 0.4f), 1 + (float)(i % 4), i % 5 == 1);
     }
-    add_quad(s, lw_vec3(0.3f, 0.1f, 0.2f), lw_vec3(0, 0, 0.3f), lw_vec3(0.3f, 0, 0), 40, false);
-    add_quad(s, lw_vec3(1, -0.5f, 0.5f), lw_vec3(0, 1, 0), lw_vec3(0, 0, -1), 2,
-             false); /* across the horizon */
-    add_light(s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {3, 3, 3}}, lw_vec3(1, 1, 1));
-    add_light(s,
-              (struct lw_light){
-                  .kind = LW_LIGHT_SPOT, .intensity = {5, 5, 5}, .inner_cone = 0.3f, .outer_cone = 0.9f},
-              lw_vec3(-0.3f, 1.2f, 0));
-    add_light(s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {9, 9, 9}}, lw_vec3(0, -1, 0));
+    light_stage_add_quad(s->scene, lw_vec3(0.3f, 0.1f, 0.2f), lw_vec3(0, 0, 0.3f), lw_vec3(0.3f, 0, 0), 40,
+                         false);
+    light_stage_add_quad(s->scene, lw_vec3(1, -0.5f, 0.5f), lw_vec3(0, 1, 0), lw_vec3(0, 0, -1), 2,
+                         false); /* across the horizon */
+    light_stage_add_light(s->scene, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {3, 3, 3}},
+                          lw_vec3(1, 1, 1));
+    light_stage_add_light(
+        s->scene,
+        (struct lw_light){
+            .kind = LW_LIGHT_SPOT, .intensity = {5, 5, 5}, .inner_cone = 0.3f, .outer_cone = 0.9f},
+        lw_vec3(-0.3f, 1.2f, 0));
+    light_stage_add_light(s->scene, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {9, 9, 9}},
+                          lw_vec3(0, -1, 0));
     for (int i = 1; i < 3; i++)
-        add_light(s,
-                  (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL,
-                                    .intensity = {(float)i, (float)i, (float)i},
-                                    .angular_diameter = 0.01f},
-                  origin);
+        light_stage_add_light(s->scene,
+                              (struct lw_light){.kind = LW_LIGHT_DIRECTIONAL,
+                                                .intensity = {(float)i, (float)i, (float)i},
+                                                .angular_diameter = 0.01f},
+                              origin);
     for (int c = 0; c < 3; c++) s->scene->sky[c] = 0.4f;
     ready(s);
 }
@@ -258,10 +198,12 @@ static void test_many_lights(void **state) {
 static void test_no_light(void **state) {
     (void)state;
     struct stage s;
-    begin(&s);
-    add_quad(&s, lw_vec3(-1, 1, -1), lw_vec3(0, 0, 2), lw_vec3(2, 0, 0), 1, false); /* its back */
-    add_light(&s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}}, lw_vec3(0, -1, 0));
-    add_light(&s, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}}, origin);
+    s = (struct stage){.scene = light_stage_create()};
+    light_stage_add_quad(s.scene, lw_vec3(-1, 1, -1), lw_vec3(0, 0, 2), lw_vec3(2, 0, 0), 1,
+                         false); /* its back */
+    light_stage_add_light(s.scene, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}},
+                          lw_vec3(0, -1, 0));
+    light_stage_add_light(s.scene, (struct lw_light){.kind = LW_LIGHT_POINT, .intensity = {1, 1, 1}}, origin);
     ready(&s);
     for (uint32_t i = 0; i < 64; i++) {
         struct lw_light_sample sample = sample_of(&s, i);
@@ -276,9 +218,9 @@ static void test_no_light(void **state) {
 static void test_what_does_not_shine_has_no_density(void **state) {
     (void)state;
     struct stage s;
-    begin(&s);
-    add_quad(&s, lw_vec3(-1, 1, -1), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 0, false);
-    add_quad(&s, lw_vec3(-1, 2, -1), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 1, false);
+    s = (struct stage){.scene = light_stage_create()};
+    light_stage_add_quad(s.scene, lw_vec3(-1, 1, -1), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 0, false);
+    light_stage_add_quad(s.scene, lw_vec3(-1, 2, -1), lw_vec3(2, 0, 0), lw_vec3(0, 0, 2), 1, false);
     ready(&s);
     assert_true(lw_lights_pdf_emitter(&s.lights, origin, up, 0, 0, 0.2f, 0.2f, up, 1) == 0);
     assert_true(lw_lights_pdf_emitter(&s.lights, origin, up, 1, 0, 0.2f, 0.2f, up, 2) > 0);
@@ -290,9 +232,9 @@ static void test_what_does_not_shine_has_no_density(void **state) {
 static void test_changes(void **state) {
     (void)state;
     struct stage s;
-    begin(&s);
-    add_quad(&s, lw_vec3(-0.5f, 1, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 3, false);
-    add_quad(&s, lw_vec3(-0.5f, 2, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, false);
+    s = (struct stage){.scene = light_stage_create()};
+    light_stage_add_quad(s.scene, lw_vec3(-0.5f, 1, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 3, false);
+    light_stage_add_quad(s.scene, lw_vec3(-0.5f, 2, -0.5f), lw_vec3(1, 0, 0), lw_vec3(0, 0, 1), 0, false);
     ready(&s);
     assert_int_equal(s.lights.emitter_count, 2);
     assert_true(s.lights.shining_count);

@@ -160,20 +160,21 @@ static void add_messages(void) {
         "unit/test_server_readers:test_flood_of_messages", "%s", size(LW_SERVER_RECEIVE_SIZE));
     add("bytes read of one peer in a turn of the loop", "unit/test_server_readers:test_flood_of_messages",
         "%s", size(LW_SERVER_TURN_READ));
-    add("the same of a WebSocket", "integration/test_web:test_frames_without_end", "%s",
+    add("the same of a WebSocket", "integration/test_web_sessions:test_frames_without_end", "%s",
         size(LW_SERVER_TURN_FRAMES_READ));
     add("dropped bytes of a refused peer", "unit/test_session:test_what_follows_a_refusal",
         "%s, and %u frames; then by the rates", size(LW_SERVER_DROPPED_MAX), LW_SERVER_DROPPED_FRAMES_MAX);
     add("messages handled of one peer in a turn", "unit/test_session:test_messages_of_a_turn", "%u",
         LW_SERVER_TURN_MESSAGES);
     add("body of a message", "unit/test_session:test_body", "%s", size(LW_FRAMING_CLIENT_BODY_MAX));
-    add("fields in a body, a packed list counting as one", "unit/test_message:test_fields", "%u",
+    add("fields in a body, a packed list counting as one", "unit/test_message_fields:test_fields", "%u",
         LW_MESSAGE_FIELDS_MAX);
     add("memory to read one message", "unit/test_session:test_memory_of_a_message", "%s",
         size(LW_SERVER_PARSE_MAX));
-    add("tiles in an INTEREST; in a HOLDS", "unit/test_message:test_interest", "%s; %s",
+    add("tiles in an INTEREST; in a HOLDS", "unit/test_message_fields:test_interest", "%s; %s",
         number(LW_MESSAGE_INTEREST_MAX), number(LW_MESSAGE_HOLDS_MAX));
-    add("changes in an UPDATE", "unit/test_message:test_update_counts", "%s", number(LW_MESSAGE_CHANGES_MAX));
+    add("changes in an UPDATE", "unit/test_message_fields:test_update_counts", "%s",
+        number(LW_MESSAGE_CHANGES_MAX));
     add("UPDATEs that wait for a frame; changes in all of them",
         "unit/test_server_updates:test_a_thousand_updates_in_one_frame_keep_their_order", "%s; %s",
         number(LW_UPDATES_MAX), number(LW_UPDATES_CHANGES_MAX));
@@ -184,7 +185,7 @@ static void add_messages(void) {
         number(LW_TOKENS_MAX), size(LW_TOKENS_FILE_MAX));
     add("bytes of a certificate with its issuers, and of a key", "unit/test_tls_stream:test_bad_files", "%s",
         size(LW_TLS_CONTEXT_FILE_MAX));
-    add("name in HELLO", "unit/test_message:test_texts",
+    add("name in HELLO", "unit/test_message_fields:test_texts",
         "%u bytes, without control and format characters; in the log in quotes", LW_MESSAGE_NAME_MAX);
     add("time of all TLS handshakes in a turn of the loop", "integration/test_tls:test_programs_by_tls",
         "%u ms", LW_SERVER_HANDSHAKES_MS);

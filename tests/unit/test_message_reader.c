@@ -1,3 +1,4 @@
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "proto/message_reader.h"
@@ -7,12 +8,6 @@
 
 #define MESSAGES 40u
 #define BODY_MAX 1000u
-
-void *__real_realloc(void *memory, size_t size);
-void *__wrap_realloc(void *memory, size_t size);
-static bool no_memory;
-
-void *__wrap_realloc(void *memory, size_t size) { return no_memory ? NULL : __real_realloc(memory, size); }
 
 static uint8_t stream[MESSAGES * (LW_FRAMING_HEADER_SIZE + BODY_MAX)];
 static size_t stream_size;
@@ -79,10 +74,10 @@ static void test_no_copy(void **state) {
     unsigned i = 0;
     write_stream();
     lw_message_reader_lend(&reader, stream, stream_size);
-    no_memory = true;
+    failing_memory_all(0);
     take_messages(&reader, &i, MESSAGES);
     lw_support_ok(lw_message_reader_keep(&reader), NULL);
-    no_memory = false;
+    (void)failing_memory_end();
     assert_int_equal(i, MESSAGES);
 }
 
@@ -114,14 +109,14 @@ static void test_no_memory(void **state) {
     const uint8_t *body;
     write_stream();
     lw_message_reader_lend(&reader, stream, 5);
-    no_memory = true;
+    failing_memory_all(0);
     assert_int_equal(lw_message_reader_keep(&reader), LW_NO_MEMORY);
-    no_memory = false;
+    (void)failing_memory_end();
     lw_support_ok(lw_message_reader_keep(&reader), NULL);
     lw_message_reader_lend(&reader, stream + 5, stream_size - 5);
-    no_memory = true;
+    failing_memory_all(0);
     assert_int_equal(lw_message_reader_take(&reader, &header, &body, NULL), LW_NO_MEMORY);
-    no_memory = false;
+    (void)failing_memory_end();
     unsigned i = 0; /* nothing of it is lost */
     take_messages(&reader, &i, MESSAGES);
     assert_int_equal(i, MESSAGES);

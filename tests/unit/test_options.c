@@ -27,7 +27,7 @@ static const struct lw_option table[] = {
      .value = &values.file},
     {.name = "bounces",
      .argument = "N",
-     .help = "Indirect bounces (default 2).",
+     .help = "Indirect bounces (default {}).",
      .kind = LW_OPTION_INT,
      .value = &values.bounces,
      .min = 0,
@@ -42,7 +42,7 @@ static const struct lw_option table[] = {
     {.name = "tracing-range",
      .argument = "METRES|inf",
      .help = "Rays longer than this ask the probes instead of the scene, which is faster and a little less "
-             "exact (default inf).",
+             "exact (default {}).",
      .kind = LW_OPTION_REAL,
      .value = &values.range,
      .min = 0.01,
@@ -292,6 +292,15 @@ static void help_is_made_from_the_table(void **state) {
     assert_true(done && strlen(printed) > 500);
 }
 
+static void help_says_defaults_whatever_is_given(void **state) {
+    (void)state;
+    lw_support_ok(parse_and_print("--bounces 5 --tracing-range 3 --help"), &err);
+    assert_non_null(strstr(printed, "Indirect bounces (default 2). [from 0 to 16]\n"));
+    assert_non_null(strstr(printed, "(default inf)."));
+    lw_support_ok(parse_and_print("--bounces 5 --help=man"), &err);
+    assert_non_null(strstr(printed, "Indirect bounces (default 2). [from 0 to 16]\n"));
+}
+
 static void version_is_one_line(void **state) {
     (void)state;
     lw_support_ok(parse_and_print("--version"), &err);
@@ -376,6 +385,7 @@ int main(void) {
         cmocka_unit_test(two_dashes_end_the_options),
         cmocka_unit_test(an_option_without_help_is_taken_and_not_listed),
         cmocka_unit_test(help_is_made_from_the_table),
+        cmocka_unit_test(help_says_defaults_whatever_is_given),
         cmocka_unit_test(version_is_one_line),
         cmocka_unit_test(addresses_split),
     };

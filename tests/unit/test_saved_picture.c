@@ -2,7 +2,6 @@
 
 #include "client/view/window/saved_picture.h"
 
-#include <dirent.h>
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -22,15 +21,6 @@ static void limit_files(rlim_t bytes) {
     assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 }
 
-static unsigned files_here(void) {
-    unsigned count = 0;
-    DIR *folder = opendir(".");
-    assert_non_null(folder);
-    for (const struct dirent *entry; (entry = readdir(folder));) count += entry->d_name[0] != '.';
-    closedir(folder);
-    return count;
-}
-
 static enum lw_status save(char name[LW_SAVED_PICTURE_NAME_SIZE], struct lw_error *err) {
     return lw_saved_picture_write(rgb, SIDE, SIDE, LW_TONEMAP_NONE, 0, name, err);
 }
@@ -41,7 +31,7 @@ static void test_both_or_none(void **state) {
     struct stat png, exr;
     char path[LW_SAVED_PICTURE_NAME_SIZE + 8];
     lw_support_ok(save(name, NULL), NULL);
-    assert_int_equal(files_here(), 2);
+    assert_int_equal(lw_support_files_in("."), 2);
     snprintf(path, sizeof path, "%s.png", name);
     assert_int_equal(stat(path, &png), 0);
     assert_int_equal(unlink(path), 0);
@@ -58,10 +48,10 @@ static void test_both_or_none(void **state) {
         limit_files(RLIM_INFINITY);
         lw_support_fails(status, LW_IO, &err, i < 2 ? ".png: File too large" : ".exr: File too large");
         assert_string_equal(name, "untouched");
-        assert_int_equal(files_here(), 0);
+        assert_int_equal(lw_support_files_in("."), 0);
     }
     lw_support_ok(save(name, NULL), NULL); /* with room again it goes on */
-    assert_int_equal(files_here(), 2);
+    assert_int_equal(lw_support_files_in("."), 2);
 }
 
 int main(void) {

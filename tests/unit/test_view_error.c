@@ -1,3 +1,4 @@
+#include "tests/support/failing_memory.h"
 #include "tests/support/support.h"
 
 #include "client/measure/figures/flip.h"
@@ -10,20 +11,6 @@
 #include <string.h>
 
 enum { WIDTH = 64, HEIGHT = 48, PIXELS = WIDTH * HEIGHT, VALUES = 3 * PIXELS };
-
-/* The next allocations that succeed; negative: all do. */
-static int allocations_left = -1;
-static bool allowed(void) {
-    if (allocations_left == 0) return false;
-    if (allocations_left > 0) allocations_left--;
-    return true;
-}
-void *__real_malloc(size_t size);
-void *__real_realloc(void *old, size_t size);
-void *__wrap_malloc(size_t size);
-void *__wrap_realloc(void *old, size_t size);
-void *__wrap_malloc(size_t size) { return allowed() ? __real_malloc(size) : NULL; }
-void *__wrap_realloc(void *old, size_t size) { return allowed() ? __real_realloc(old, size) : NULL; }
 
 /* Uniform noise of variance 1. */
 static float noise(uint32_t seed, size_t i) {
@@ -386,14 +373,14 @@ static void a_failure_adds_nothing(void **state) {
     const struct lw_view_error_reference reference = reference_of(half, half);
     struct lw_view_error_sum sum = start(1);
     struct lw_error err = {0};
-    int failures = 0;
+    unsigned failures = 0;
     for (enum lw_status status = LW_NO_MEMORY; status != LW_OK;) {
         lw_view_error_finish(&sum);
         sum = start(1);
         err = (struct lw_error){0};
-        allocations_left = failures;
+        failing_memory_all(failures);
         status = lw_view_error_add(&sum, &reference, picture, &err);
-        allocations_left = -1;
+        (void)failing_memory_end();
         if (status == LW_OK) break;
         lw_support_fails(status, LW_NO_MEMORY, &err, "no memory");
         const struct lw_view_error error = lw_view_error_of(&sum);

@@ -55,13 +55,14 @@ struct lw_radiosity_terms {
 };
 
 #define LW_VPL_LIGHTS_MAX     65536u
-#define LW_VPL_LIGHTS_DEFAULT 512u
+#define LW_VPL_LIGHTS_DEFAULT 512 /* without a suffix: --help has its digits */
 #define LW_VPL_SETS_MAX       64u
+#define LW_VPL_SETS_DEFAULT   1
 
 /** What the solver of virtual point lights is asked for; zero: the default. */
 struct lw_vpl_terms {
     uint32_t lights;  /* in all; LW_VPL_LIGHTS_DEFAULT */
-    uint32_t sets;    /* each frame shades one of as many sets of them; 1 */
+    uint32_t sets;    /* each frame shades one of as many sets of them; LW_VPL_SETS_DEFAULT */
     uint32_t reshoot; /* lights at most that a frame shoots again; a set; UINT32_MAX: none but those lost */
     float near_m;     /* nearer than this a light is not brighter; by the area that it stands for */
 };
