@@ -268,7 +268,7 @@ function showSmooth(directional, variants) {
 
 test('three: what is smooth is as the page has it', { skip: missing || false }, async () => {
   const oldest = process.env.LW_LONG ? [{ three: 'three-160', renderer: 'webgl' }] : [];
-  await showSmooth('auto', [NEWEST, ...oldest]);
-  // WebGPURenderer reads no directions
-  await showSmooth('off', [{ three: 'three', renderer: 'nodes' }]);
+  const nodes = { three: 'three', renderer: 'nodes' };
+  await showSmooth('auto', [NEWEST, nodes, ...oldest]);
+  await showSmooth('off', [nodes]);
 });

@@ -7,6 +7,7 @@ import * as THREE from 'three';
 
 import { DIRECTED } from '../src/direction_shader.ts';
 import { FINER_SHADER, type FinerUniforms } from './fine_pool.ts';
+import { byDirection, type Node, type ShadingNodes } from './nodes.ts';
 
 type Shader = THREE.WebGLProgramParametersWithUniforms;
 
@@ -16,26 +17,13 @@ export interface DirectionUniforms {
   lightwellRoot: { value: THREE.Matrix4 }; // of the server's world
 }
 
-/** As far as it is used; of the shading language in which WebGPURenderer has its materials. */
-interface Node {
-  r: Node;
-  g: Node;
-  b: Node;
-  mul(factor: number | Node): Node;
-  add(other: Node): Node;
-  sub(other: Node): Node;
-  div(by: number | Node): Node;
-  max(other: number): Node;
-  min(other: number): Node;
-  toVar(): Node;
-  assign(value: Node): void;
-}
-
 /** The fields of NodeMaterial that this module uses. */
 interface NodeMaterial extends THREE.Material {
   isNodeMaterial?: boolean;
   setupLightingModel(builder: unknown): LightingModel;
   setupLightMap(builder: { renderer: unknown }): unknown;
+  lightwellDirections?: THREE.Texture; // as DirectionUniforms have it
+  lightwellRoot?: THREE.Matrix4;
 }
 
 interface LightingModel {
@@ -118,13 +106,14 @@ irradiance += lightMapIrradiance${smooth ? '' : ' * lightwellBy.x'};`,
   );
 
 /** A copy of a material that shows lightmaps and probes as the server does. probe: the copy gets its light,
- * too. finer, directions: of its lightmap, with WebGLRenderer. Own hooks of the original (onBeforeCompile)
- * go on. */
+ * too. finer, directions: of its lightmap, with WebGLRenderer; directions with WebGPURenderer, too, by tsl.
+ * Own hooks of the original (onBeforeCompile) go on. */
 export function withServersLight(
   original: THREE.Material,
   probe: THREE.LightProbe | null,
   finer: FinerUniforms | null = null,
   directions: DirectionUniforms | null = null,
+  tsl: ShadingNodes | null = null,
 ): THREE.Material {
   const material = original.clone();
   const smooth = isSmooth(original);
@@ -159,14 +148,15 @@ export function withServersLight(
       );
   };
   // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
-  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed'];
+  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed', tsl && 'nodes'];
   const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
   const uuid = probe?.uuid ?? '';
   material.customProgramCacheKey = function (this: NodeMaterial) {
     const key = String(inherited(this, 'customProgramCacheKey').call(this));
     return `${key} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
   };
-  hookNodes(material as NodeMaterial, probe, smooth);
+  if (directions) exposeDirections(material as NodeMaterial, directions);
+  hookNodes(material as NodeMaterial, probe, smooth, directions && tsl);
   return material;
 }
 
@@ -177,18 +167,34 @@ interface IndirectLight {
   radiance: Node;
 }
 
-/** MIRRORED. */
-function mirror({ irradiance, iblIrradiance, radiance }: IndirectLight): void {
+/** Nodes read uniforms of each material as its properties. */
+function exposeDirections(material: NodeMaterial, directions: DirectionUniforms): void {
+  const get = () => directions.lightwellDirections.value;
+  Object.defineProperty(material, 'lightwellDirections', { get, enumerable: true });
+  material.lightwellRoot = directions.lightwellRoot.value;
+}
+
+/** MIRRORED, and DIRECTED_MIRROR with tsl. */
+function mirror({ irradiance, iblIrradiance, radiance }: IndirectLight, tsl: ShadingNodes | null): void {
   const luminance = ({ r, g, b }: Node) => r.mul(0.2126).add(g.mul(0.7152)).add(b.mul(0.0722));
   const share = luminance(irradiance).div(luminance(iblIrradiance).max(1e-9)).min(1).toVar();
   const rest = irradiance.sub(iblIrradiance.mul(share)).max(0).div(Math.PI);
   radiance.assign(radiance.mul(share).add(rest));
   iblIrradiance.assign(irradiance);
   irradiance.assign(irradiance.mul(0));
+  if (!tsl) return;
+  const { factor, gain } = byDirection(tsl, true);
+  radiance.assign(radiance.mul(gain));
+  iblIrradiance.assign(iblIrradiance.add(factor.sub(1).mul(tsl.materialLightMap)));
 }
 
 /** WebGPURenderer copies a material's own properties, these with them, onto a NodeMaterial. */
-function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smooth: boolean): void {
+function hookNodes(
+  material: NodeMaterial,
+  probe: THREE.LightProbe | null,
+  smooth: boolean,
+  tsl: ShadingNodes | null,
+): void {
   material.setupLightingModel = function (builder) {
     const model = inherited(this, 'setupLightingModel').call(this, builder) as LightingModel;
     const { indirectDiffuse } = model;
@@ -196,7 +202,7 @@ function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smoot
     if (smooth) {
       model.indirectDiffuse = function (...given) {
         const [from] = given as [Partial<IndirectLight> & { context?: IndirectLight }];
-        mirror((from.context ?? from) as IndirectLight);
+        mirror((from.context ?? from) as IndirectLight, tsl);
         indirectDiffuse.apply(this, given);
       };
       return model;
@@ -211,7 +217,13 @@ function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smoot
     };
     return model;
   };
-  if (!probe) return;
+  if (tsl && !smooth)
+    material.setupLightMap = function (builder) {
+      const own = inherited(this, 'setupLightMap').call(this, builder) as { node: Node } | null;
+      if (own) own.node = own.node.mul(byDirection(tsl, false).factor);
+      return own;
+    };
+  if (!probe) return; // which lightmapped materials do not have
   material.setupLightMap = function (builder) {
     const own = inherited(this, 'setupLightMap').call(this, builder);
     const library = (builder.renderer as { library?: { getLightNodeClass(of: unknown): unknown } }).library;
