@@ -19,8 +19,6 @@ const FRAMES = 4;
 const PLACES = 120;
 /** Texels have 9 bits, and GPUs read between them by 8. */
 const TOLERANCE = 0.02;
-/** The share of light that facets send on, which has no gain: of a mirror of roughness 0.3, by r160. */
-const BOUNCED = 0.1;
 const missing = !hasDaemon()
   ? 'there is no lightwelld in build/release/bin'
   : !hasBrowser() && 'there is no chromium';
@@ -332,7 +330,7 @@ function check(found, what) {
     const [kind, wanted] = mirror
       ? ['mirror', gainOf(source, plain, ahead, 0.3 ** 2)]
       : ['bent', factorOf(source, plain, bent)];
-    const most = TOLERANCE * Math.max(wanted, 1) + (mirror ? BOUNCED * Math.abs(wanted - 1) : 0);
+    const most = TOLERANCE * Math.max(wanted, 1);
     const right = known ? wanted : 1;
     spread[kind].push(right);
     assert.ok(Math.abs(ratio - right) <= most, `${what}, ${kind}: ${ratio}, wanted ${right} of r ${r}`);

@@ -33,6 +33,8 @@ interface LightingModel {
 }
 
 const LOBE = ' * ( 1.0 - singleScattering - multiScattering )';
+/** three's mirrored light that facets send on. Its E knows no side. */
+const SENT_ON = 'multiScattering * cosineWeightedIrradiance';
 
 /** What is smooth takes the light of lightmaps and probes as three takes an environment map's: part of it
  * is mirrored. Where there is an environment map, too, it is mirrored as far as that light tells that it is
@@ -121,9 +123,15 @@ export function withServersLight(
   material.onBeforeCompile = (shader: Shader, renderer) => {
     before?.call(material, shader, renderer);
     const { fragmentShader } = shader;
-    const chunk = THREE.ShaderChunk.lights_physical_pars_fragment.replaceAll(LOBE, '');
+    const physical = THREE.ShaderChunk.lights_physical_pars_fragment;
+    const chunk = !smooth
+      ? physical.replaceAll(LOBE, '')
+      : directions
+        ? physical.replace(SENT_ON, 'multiScattering * radiance')
+        : physical;
     shader.fragmentShader = smooth
       ? fragmentShader
+          .replace('#include <lights_physical_pars_fragment>', () => chunk)
           .replace('#include <lights_fragment_end>', `${MIRRORED}${directions ? DIRECTED_MIRROR : ''}$&`)
           .replace('#include <aomap_fragment>', `$&${OCCLUDED}`)
       : fragmentShader.replace('#include <lights_physical_pars_fragment>', () => chunk);
@@ -185,7 +193,10 @@ function mirror({ irradiance, iblIrradiance, radiance }: IndirectLight, tsl: Sha
   if (!tsl) return;
   const { factor, gain } = byDirection(tsl, true);
   radiance.assign(radiance.mul(gain));
-  iblIrradiance.assign(iblIrradiance.add(factor.sub(1).mul(tsl.materialLightMap)));
+  // Facets send on light of iblIrradiance. Matt parts get both sums.
+  const matt = iblIrradiance.add(factor.sub(1).mul(tsl.materialLightMap)).toVar();
+  iblIrradiance.assign(radiance.mul(Math.PI));
+  irradiance.assign(matt.sub(iblIrradiance));
 }
 
 /** WebGPURenderer copies a material's own properties, these with them, onto a NodeMaterial. */
