@@ -404,3 +404,25 @@ test('three: without directions it is the picture of before', skip, () =>
     }),
   ),
 );
+
+/** In the page: draws a material whose shader, as each renderer has it, names what is nowhere. */
+const drawBroken = () => {
+  const broken = renderer.isWebGPURenderer
+    ? Object.assign(new THREE.MeshBasicMaterial(), {
+        setupOutgoingLight: () => tsl.expression('noSuchName', 'vec3'),
+      })
+    : new THREE.ShaderMaterial({ fragmentShader: 'void main() { gl_FragColor = noSuchName; }' });
+  const sheet = new THREE.Mesh(new THREE.PlaneGeometry(), broken);
+  sheet.frustumCulled = false;
+  renderer.render(sheet, camera);
+};
+
+test('three: a shader that does not compile ends the wait with its log', skip, async () => {
+  for (const renderer of ['', 'nodes', 'webgpu']) {
+    const look = async (page) => {
+      await page.evaluate(drawBroken);
+      await until(page, 'a picture that never comes', () => false);
+    };
+    await assert.rejects(withThree('three', look, renderer), /a shader is broken: .*noSuchName/s);
+  }
+});
