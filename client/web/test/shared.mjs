@@ -5,6 +5,14 @@ import { after } from 'node:test';
 import { LIMIT_MS } from './daemon.mjs';
 import { brokenShader, openBrowser, readsCanvas } from './page.mjs';
 
+/** WebGPU by SwiftShader: arguments of withPage(). */
+export const WEBGPU = [
+  '--enable-unsafe-webgpu',
+  '--use-webgpu-adapter=swiftshader',
+  '--enable-features=Vulkan',
+  '--use-vulkan=swiftshader',
+];
+
 let browser = null;
 
 /** In the page, before all else: it warns where it waits for the GPU to give it pixels. The graphics driver

@@ -11,7 +11,7 @@ import { serveExample } from './example.mjs';
 import { web } from './load.mjs';
 import { hasBrowser, pixelsOf, until } from './page.mjs';
 import { room } from './room.mjs';
-import { withPage } from './shared.mjs';
+import { WEBGPU, withPage } from './shared.mjs';
 
 const WIDTH = 160;
 const HEIGHT = 90;
@@ -23,13 +23,6 @@ const missing = !hasDaemon()
   ? 'there is no lightwelld in build/release/bin'
   : !hasBrowser() && 'there is no chromium';
 const skip = { skip: missing || false };
-/** WebGPU by SwiftShader. */
-const WEBGPU = [
-  '--enable-unsafe-webgpu',
-  '--use-webgpu-adapter=swiftshader',
-  '--enable-features=Vulkan',
-  '--use-vulkan=swiftshader',
-];
 const LIGHT = '--clock manual --light whole --codec half --client-lights none --texels-per-metre 6';
 
 let folder, scene, site;
@@ -358,7 +351,7 @@ test('three: bent normals and mirrors show which side light comes from', skip, (
       ['three-170', 0],
       ['three-160', 0],
       ['three', 0, 'nodes'],
-      ['three', 0, 'webgpu'],
+      ['three', 16, 'webgpu'],
     ])
       await withThree(
         three,
@@ -377,9 +370,9 @@ test('three: without directions it is the picture of before', skip, () =>
   withServer('off', (daemon) =>
     withThree('three', async (page) => {
       const refused = await page.evaluate(async () =>
-        Lightwell.attach(await load(), 'ws://127.0.0.1:1/ws', { tsl: { float() {} } }).catch(String),
+        Lightwell.attach(await load(), 'ws://127.0.0.1:1/ws', { tsl: {} }).catch(String),
       );
-      assert.match(refused, /tsl: it has no vec4/);
+      assert.match(refused, /tsl: it has no float/);
       const seen = [];
       for (const options of [{ directions: false }, {}]) {
         await attach(page, daemon, options);

@@ -7,11 +7,11 @@ import { join } from 'node:path';
 import test, { after, before } from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
-import { serveExample } from './example.mjs';
+import { readTarget, serveExample } from './example.mjs';
 import { web } from './load.mjs';
 import { compare, hasBrowser, pictureName, pixelsOf, reference, until } from './page.mjs';
 import { room } from './room.mjs';
-import { withPage } from './shared.mjs';
+import { WEBGPU, withPage } from './shared.mjs';
 
 const WIDTH = 320;
 const HEIGHT = 180;
@@ -43,17 +43,17 @@ after(() => {
   if (folder) rmSync(folder, { recursive: true });
 });
 
-/** A page with the globals of three_page.html, and a server of its own. */
-async function withLight(more, look) {
+/** A page with the globals of three_page.html, and a server of its own. renderer: '' or of that page. */
+async function withLight(more, look, renderer = '') {
   const daemon = await startDaemon(scene, ...COARSE, ...more, '--http-origin', site.origin);
   const address = `ws://${new URL(daemon.url).host}/ws`;
   const open = async (page) => {
-    await page.goto(`${site.origin}/test.html`);
+    await page.goto(`${site.origin}/test.html${renderer && `?renderer=${renderer}`}`);
     await until(page, 'its modules', () => globalThis.load);
     return look(page, address);
   };
   try {
-    return await withPage({ width: WIDTH, height: HEIGHT }, open, { mayWarn: true });
+    return await withPage({ width: WIDTH, height: HEIGHT }, open, { mayWarn: true, args: WEBGPU });
   } finally {
     await daemon.stop();
   }
@@ -62,6 +62,7 @@ async function withLight(more, look) {
 /** Light for a scene of its own; draws until end(). bent: all surfaces have the same bent normal. */
 const attach = async ([address, options, bent]) => {
   globalThis.scene = await load();
+  globalThis.example = { scene, camera, renderer };
   globalThis.constant = (...rgb) => {
     const map = new THREE.DataTexture(Uint8Array.of(...rgb, 255), 1, 1);
     map.needsUpdate = true;
@@ -69,10 +70,12 @@ const attach = async ([address, options, bent]) => {
   };
   const normalMap = bent && constant(168, 222, 150);
   scene.traverse(({ material }) => {
-    if (bent && material) Object.assign(material, { normalMap, normalMapType: THREE.ObjectSpaceNormalMap });
+    if (!bent || !material) return;
+    Object.assign(material, { normalMap, normalMapType: THREE.ObjectSpaceNormalMap });
+    material.normalScale.set(1, 1); // as in three_directions.test.mjs
   });
   scene.updateMatrixWorld(true);
-  globalThis.light = await Lightwell.attach(scene, address, options);
+  globalThis.light = await Lightwell.attach(scene, address, { ...options, tsl: globalThis.tsl });
   const draw = () => {
     if (!globalThis.light) return;
     light.update(camera, innerHeight);
@@ -109,6 +112,8 @@ const settle = (page, tiles) =>
 const drawDirections = () => {
   const { pool, placed } = light;
   const draw = () => {
+    // WebGPURenderer does not look at what is changed here
+    for (const each of placed) for (const { material } of each.materials) material.needsUpdate = true;
     renderer.render(scene, camera);
     return renderer.domElement.toDataURL();
   };
@@ -143,16 +148,18 @@ async function denseReference(page) {
 
 /** what: a name, for people. */
 async function pictureOf(page, what) {
-  const url = await page.evaluate(() => {
+  const drawn = await page.evaluate(() => {
+    if (renderer.backend?.isWebGPUBackend) return null;
     renderer.render(scene, camera);
     return renderer.domElement.toDataURL();
   });
+  const url = drawn ?? (await page.evaluate(readTarget));
   const name = pictureName('room', what);
   if (name) writeFileSync(name, Buffer.from(url.slice(url.indexOf(',') + 1), 'base64'));
   return pixelsOf(page, url);
 }
 
-test('three: finer levels come where the camera looks, and go', skip, () =>
+const comeAndGo = (renderer) =>
   withLight([], async (page, address) => {
     assert.equal(await page.evaluate(attach, [address, {}]), 0);
     await settle(page, 0);
@@ -172,8 +179,17 @@ test('three: finer levels come where the camera looks, and go', skip, () =>
     await page.evaluate(() => camera.position.set(1.5, 1.7, 2.2));
     await until(page, 'tiles that come again', () => light.finerTiles > 5);
     assert.equal(await page.evaluate(end), textures);
-  }),
-);
+    if (renderer !== 'webgpu') return;
+    // WebGPU takes 256 layers
+    await page.evaluate(attach, [address, { finerSlots: 300 }]);
+    await settle(page, 6);
+    assert.deepEqual(await page.evaluate(() => [light.pool.slots, light.pool.pool.image.depth]), [256, 256]);
+    await page.evaluate(end);
+  }, renderer);
+
+const RENDERERS = [['', ''], ['nodes', ', with WebGPURenderer by WebGL'], ['webgpu', ', by WebGPU']]; // prettier-ignore
+for (const [renderer, name] of RENDERERS)
+  test(`three: finer levels come where the camera looks, and go${name}`, skip, () => comeAndGo(renderer));
 
 /** Share of the values that are further apart than their rounding. */
 function shareApart(a, b) {
@@ -182,7 +198,7 @@ function shareApart(a, b) {
   return apart / a.length;
 }
 
-test('three: finer levels read their own directions, as level 0 does its', skip, () =>
+const readDirections = (renderer) =>
   withLight(['--directional', 'on'], async (page, address) => {
     assert.equal(await page.evaluate(attach, [address, { finerSlots: 128 }, true]), 4);
     await settle(page, 6);
@@ -205,6 +221,7 @@ test('three: finer levels read their own directions, as level 0 does its', skip,
     assert.ok(changesPlain > 0.2 && changes < 0.5 * changesPlain);
     assert.ok(same < 0.001, `${same} differ where both have one direction`);
     await page.evaluate(end);
+    if (renderer) return;
     // a GPU with fewer layers
     for (const [most, room] of [[200, 128], [100, 100]]) { // prettier-ignore
       await page.evaluate((most) => {
@@ -221,8 +238,12 @@ test('three: finer levels read their own directions, as level 0 does its', skip,
       assert.deepEqual(given, [room, 0, room]);
       await page.evaluate(end);
     }
-  }),
-);
+  }, renderer);
+
+for (const [renderer, name] of RENDERERS.slice(0, 2))
+  test(`three: finer levels read their own directions, as level 0 does its${name}`, skip, () =>
+    readDirections(renderer),
+  );
 
 test('three: few slots, none, and a server without finer levels', skip, () =>
   withLight(['--detail', '0'], async (page, address) => {

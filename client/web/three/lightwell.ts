@@ -41,13 +41,13 @@ export interface AttachOptions {
   /** Side of their shadow maps, texels. Default 2048, and 512 for each of the six sides of a point light. */
   shadowMapSize?: number;
   /** How many tiles of finer levels there is room for, 64 x 64 texels each, up to 1024: lightmaps are up to
-   * 16 times finer where the camera is near. With WebGLRenderer alone. Default 0: none. */
+   * 16 times finer where the camera is near. WebGPURenderer reads them with `tsl`. Default 0: none. */
   finerSlots?: number;
   /** Ask where light comes from: normal maps show in it, and gloss shows which side it comes from.
    * WebGPURenderer shows that with `tsl`. Default true. */
   directions?: boolean;
-  /** three's shading language, for directions with WebGPURenderer: TSL of three/webgpu. Default: it shows
-   * none. */
+  /** three's shading language, for directions and finer levels with WebGPURenderer: TSL of three/webgpu.
+   * Default: it shows neither. */
   tsl?: object;
   /** Folder that holds worker.js, lightwell_tiles.wasm and zstd.wasm of this package, for a bundler that does
    * not find them. Default: beside lightwell.js. lightwell-three/inline needs none. */
@@ -406,11 +406,11 @@ export class Lightwell {
   private takeScene(message: Extract<FromWorker, { kind: 'scene' }>): void {
     const { data, draws, clientLights, finer, directed } = message;
     this.clear();
+    const tsl = (this.options.tsl as ShadingNodes | undefined) ?? null;
     const map = (this.map = new AtlasMap(data.meshes, data.objectMesh, finer));
-    const pool = map.finer ? new FinePool(map, this.options.finerSlots!, directed) : null;
+    const pool = map.finer ? new FinePool(map, this.options.finerSlots!, directed, !!tsl) : null;
     if (pool) this.changes.add(() => pool.dispose());
     this.pool = pool;
-    const tsl = (this.options.tsl as ShadingNodes | undefined) ?? null;
     this.placed = placeObjects(data, this.root, this.changes, this.missing, pool, directed, tsl);
     this.survey = pool && new Survey(map, this.placed, pool);
     for (const placed of this.placed) {
@@ -553,10 +553,11 @@ export class Lightwell {
     this.tell({ kind: 'interest', ids: this.listInterest(camera, height) });
   }
 
-  /** Looks for tiles of finer levels, and fades them. A WebGPURenderer does not read them. */
+  /** Looks for tiles of finer levels, and fades them. A WebGPURenderer reads them by tsl alone. */
   private updateFiner(camera: THREE.Camera, height: number): void {
     const { pool, survey, gather, renderer } = this;
-    if (!pool || !survey || !gather || !renderer || !isWebGL(renderer)) return;
+    if (!pool || !survey || !gather || !renderer) return;
+    if (!isWebGL(renderer) && !this.options.tsl) return;
     const nowMs = performance.now();
     camera.updateWorldMatrix(true, false);
     survey.step(gather, camera, height, nowMs);

@@ -7,7 +7,7 @@ import * as THREE from 'three';
 
 import { DIRECTED } from '../src/direction_shader.ts';
 import { FINER_SHADER, type FinerUniforms } from './fine_pool.ts';
-import { byDirection, type Node, type ShadingNodes } from './nodes.ts';
+import { byDirection, exposeFiner, type FineNodes, finest, type Node, type ShadingNodes } from './nodes.ts';
 
 type Shader = THREE.WebGLProgramParametersWithUniforms;
 
@@ -108,7 +108,7 @@ irradiance += lightMapIrradiance${smooth ? '' : ' * lightwellBy.x'};`,
   );
 
 /** A copy of a material that shows lightmaps and probes as the server does. probe: the copy gets its light,
- * too. finer, directions: of its lightmap, with WebGLRenderer; directions with WebGPURenderer, too, by tsl.
+ * too. finer, directions: of its lightmap, with WebGLRenderer, and by tsl with WebGPURenderer.
  * Own hooks of the original (onBeforeCompile) go on. */
 export function withServersLight(
   original: THREE.Material,
@@ -158,13 +158,15 @@ export function withServersLight(
   // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
   const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed', tsl && 'nodes'];
   const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
-  const uuid = probe?.uuid ?? '';
+  const pool = tsl && (finer?.lightwellPool?.value as THREE.Texture | undefined);
+  const uuid = `${probe?.uuid ?? ''} ${pool?.uuid ?? ''}`;
   material.customProgramCacheKey = function (this: NodeMaterial) {
     const key = String(inherited(this, 'customProgramCacheKey').call(this));
     return `${key} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
   };
   if (directions) exposeDirections(material as NodeMaterial, directions);
-  hookNodes(material as NodeMaterial, probe, smooth, directions && tsl);
+  if (finer && tsl) exposeFiner(material, finer);
+  hookNodes(material as NodeMaterial, probe, smooth, { tsl, finer, directed: !!directions });
   return material;
 }
 
@@ -182,19 +184,31 @@ function exposeDirections(material: NodeMaterial, directions: DirectionUniforms)
   material.lightwellRoot = directions.lightwellRoot.value;
 }
 
-/** MIRRORED, and DIRECTED_MIRROR with tsl. */
-function mirror({ irradiance, iblIrradiance, radiance }: IndirectLight, tsl: ShadingNodes | null): void {
+/** What lightmapped materials read by nodes. tsl: null: nothing. */
+interface ReadByNodes {
+  tsl: ShadingNodes | null;
+  finer: FinerUniforms | null;
+  directed: boolean;
+}
+
+/** MIRRORED, and DIRECTED_MIRROR with tsl. e: of the lightmap. */
+function mirror(
+  { irradiance, iblIrradiance, radiance }: IndirectLight,
+  tsl: ShadingNodes | null,
+  e: Node | null,
+  fine: FineNodes | null,
+): void {
   const luminance = ({ r, g, b }: Node) => r.mul(0.2126).add(g.mul(0.7152)).add(b.mul(0.0722));
   const share = luminance(irradiance).div(luminance(iblIrradiance).max(1e-9)).min(1).toVar();
   const rest = irradiance.sub(iblIrradiance.mul(share)).max(0).div(Math.PI);
   radiance.assign(radiance.mul(share).add(rest));
   iblIrradiance.assign(irradiance);
   irradiance.assign(irradiance.mul(0));
-  if (!tsl) return;
-  const { factor, gain } = byDirection(tsl, true);
+  if (!tsl || !e) return;
+  const { factor, gain } = byDirection(tsl, true, fine);
   radiance.assign(radiance.mul(gain));
   // Facets send on light of iblIrradiance. Matt parts get both sums.
-  const matt = iblIrradiance.add(factor.sub(1).mul(tsl.materialLightMap)).toVar();
+  const matt = iblIrradiance.add(factor.sub(1).mul(e)).toVar();
   iblIrradiance.assign(radiance.mul(Math.PI));
   irradiance.assign(matt.sub(iblIrradiance));
 }
@@ -204,8 +218,10 @@ function hookNodes(
   material: NodeMaterial,
   probe: THREE.LightProbe | null,
   smooth: boolean,
-  tsl: ShadingNodes | null,
+  { tsl, finer, directed }: ReadByNodes,
 ): void {
+  let e: Node | null = null; // of the lightmap, once it is set up
+  let fine: FineNodes | null = null;
   material.setupLightingModel = function (builder) {
     const model = inherited(this, 'setupLightingModel').call(this, builder) as LightingModel;
     const { indirectDiffuse } = model;
@@ -213,7 +229,7 @@ function hookNodes(
     if (smooth) {
       model.indirectDiffuse = function (...given) {
         const [from] = given as [Partial<IndirectLight> & { context?: IndirectLight }];
-        mirror((from.context ?? from) as IndirectLight, tsl);
+        mirror((from.context ?? from) as IndirectLight, directed ? tsl : null, e, fine);
         indirectDiffuse.apply(this, given);
       };
       return model;
@@ -228,10 +244,13 @@ function hookNodes(
     };
     return model;
   };
-  if (tsl && !smooth)
+  if (tsl && (finer || directed))
     material.setupLightMap = function (builder) {
       const own = inherited(this, 'setupLightMap').call(this, builder) as { node: Node } | null;
-      if (own) own.node = own.node.mul(byDirection(tsl, false).factor);
+      if (!own) return own;
+      fine = finer && finest(tsl, finer, own.node);
+      e = fine?.light ?? own.node;
+      own.node = directed && !smooth ? e.mul(byDirection(tsl, false, fine).factor) : e;
       return own;
     };
   if (!probe) return; // which lightmapped materials do not have
