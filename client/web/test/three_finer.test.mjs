@@ -1,5 +1,6 @@
 // lightwell-three: finer levels. Tiles come where the camera looks, and bring the picture nearer to that of
-// dense lightmaps. They go when it looks away. A server may have none.
+// dense lightmaps. They go when it looks away. A server may have none. With LW_LONG WebGPURenderer by WebGPU,
+// and its directions.
 import assert from 'node:assert/strict';
 import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
@@ -187,9 +188,11 @@ const comeAndGo = (renderer) =>
     await page.evaluate(end);
   }, renderer);
 
-const RENDERERS = [['', ''], ['nodes', ', with WebGPURenderer by WebGL'], ['webgpu', ', by WebGPU']]; // prettier-ignore
-for (const [renderer, name] of RENDERERS)
-  test(`three: finer levels come where the camera looks, and go${name}`, skip, () => comeAndGo(renderer));
+const long = { skip: missing || (!process.env.LW_LONG && 'LW_LONG is not set') };
+const comes = 'three: finer levels come where the camera looks, and go';
+test(comes, skip, () => comeAndGo(''));
+test(`${comes}, with WebGPURenderer by WebGL`, skip, () => comeAndGo('nodes'));
+test(`${comes}, with WebGPURenderer by WebGPU`, long, () => comeAndGo('webgpu'));
 
 /** Share of the values that are further apart than their rounding. */
 function shareApart(a, b) {
@@ -240,10 +243,9 @@ const readDirections = (renderer) =>
     }
   }, renderer);
 
-for (const [renderer, name] of RENDERERS.slice(0, 2))
-  test(`three: finer levels read their own directions, as level 0 does its${name}`, skip, () =>
-    readDirections(renderer),
-  );
+const reads = 'three: finer levels read their own directions, as level 0 does its';
+test(reads, skip, () => readDirections(''));
+test(`${reads}, with WebGPURenderer`, long, () => readDirections('nodes'));
 
 test('three: few slots, none, and a server without finer levels', skip, () =>
   withLight(['--detail', '0'], async (page, address) => {
