@@ -19,7 +19,6 @@ export interface DirectionUniforms {
 
 /** The fields of NodeMaterial that this module uses. */
 interface NodeMaterial extends THREE.Material {
-  isNodeMaterial?: boolean;
   setupLightingModel(builder: unknown): LightingModel;
   setupLightMap(builder: { renderer: unknown }): unknown;
   lightwellDirections?: THREE.Texture; // as DirectionUniforms have it
@@ -155,15 +154,15 @@ export function withServersLight(
           'irradiance += getLightProbeIrradiance( lightwellProbe, geometryNormal );\n#endif',
       );
   };
-  // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
+  // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe and pool, uniforms do not:
+  // WebGPURenderer looks at a material's own strings, too.
   const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed', tsl && 'nodes'];
   const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
   const pool = tsl && (finer?.lightwellPool?.value as THREE.Texture | undefined);
-  const uuid = `${probe?.uuid ?? ''} ${pool?.uuid ?? ''}`;
   material.customProgramCacheKey = function (this: NodeMaterial) {
-    const key = String(inherited(this, 'customProgramCacheKey').call(this));
-    return `${key} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
+    return `${String(inherited(this, 'customProgramCacheKey').call(this))} ${kind}`;
   };
+  Object.assign(material, { lightwellNodes: `${probe?.uuid ?? ''} ${pool?.uuid ?? ''}` });
   if (directions) exposeDirections(material as NodeMaterial, directions);
   if (finer && tsl) exposeFiner(material, finer);
   hookNodes(material as NodeMaterial, probe, smooth, { tsl, finer, directed: !!directions });
