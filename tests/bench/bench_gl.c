@@ -16,11 +16,13 @@
  *   none     gl in a session with finer levels, of which no tile is there; its time over gl's: none_over_gl
  *   finer    gl with all tiles of finer levels that the view wants; its time over gl's: finer_over_gl
  * With --finishes another table: compose, drawn, gl and lit with the materials' finishes, and their time over
- * that of the same without, the pictures in turn. */
+ * that of the same without, the pictures in turn. With --directional the same, of light with directions
+ * (common/light/direction_form.h) over light without: only surfaces with a finish read them. */
 #include "client/gl/gl_offscreen.h"
 #include "client/gl/gl_renderer.h"
 #include "client/paths/camera_default.h"
 #include "common/base/clock.h"
+#include "common/base/random.h"
 #include "tests/bench/bench_setup.h"
 
 #include <epoxy/gl.h>
@@ -40,7 +42,7 @@ struct settings {
     struct lw_scene_open open;
     int64_t width, height, rounds;
     double time_s;
-    bool finishes;
+    bool finishes, directional;
 };
 
 struct scene {
@@ -52,11 +54,15 @@ struct scene {
     struct lw_client_lights lights;
     struct lw_compose *compose, *drawing;
     struct lw_gl_renderer *renderer, *lit;
+    struct lw_gl_renderer *spare, *spare_lit; /* --directional: the same two with directions, or without */
+    const struct lw_finish **kept;            /* --finishes: of each material, while it has none */
     struct lw_atlas_map finer_map;
     struct lw_gl_renderer *none, *fine; /* for the finer map */
     struct lw_compose_view view;
-    float *light; /* enough for the largest level; every level reads it */
-    float *dark;  /* light of any tile of finer levels */
+    float *light;     /* enough for the largest level; every level reads it */
+    float *direction; /* the same, of where it comes from */
+    bool directed;    /* light at hand has directions */
+    float *dark;      /* light of any tile of finer levels */
     uint32_t *version;
     float *picture;
     uint8_t *needed;
@@ -66,7 +72,10 @@ struct scene {
 static struct lw_client_level level(const void *context, uint32_t object, uint32_t k) {
     const struct scene *s = context;
     const struct lw_atlas_level *l = &s->map.atlas[object]->level[k];
-    return (struct lw_client_level){.width = l->width, .height = l->height, .rgb = s->light};
+    return (struct lw_client_level){.width = l->width,
+                                    .height = l->height,
+                                    .rgb = s->light,
+                                    .direction = s->directed ? s->direction : NULL};
 }
 
 static struct lw_client_tile tile(const void *context, lw_tile_id id) {
@@ -78,6 +87,20 @@ static struct lw_client_tile finer_tile(const void *context, lw_tile_id id) {
     const struct scene *s = context;
     const bool plain = id.v < s->finer_map.plain_count;
     return (struct lw_client_tile){.version = plain || s->needed[id.v], .rgb = plain ? NULL : s->dark};
+}
+
+/* The renderers of light without directions. Light at hand has them from here on. */
+static enum lw_status set_up_directions(struct scene *s, size_t texel_count, struct lw_error *err) {
+    s->direction = malloc(texel_count * 3 * sizeof *s->direction);
+    if (!s->direction) return LW_NO_MEMORY;
+    for (size_t i = 0; i < texel_count * 3; i++)
+        s->direction[i] = 0.3f + 0.4f * lw_random_unit(lw_random_hash2(2, (uint32_t)i));
+    s->directed = true;
+    const struct lw_gl_renderer_desc desc = {.scene = s->scene, .map = &s->map};
+    const struct lw_gl_renderer_desc lit = {
+        .scene = s->scene, .map = &s->map, .drawn = &s->lights, .trace = s->trace, .pose = &s->pose};
+    const enum lw_status status = lw_gl_renderer_create(&desc, &s->spare, err);
+    return status == LW_OK ? lw_gl_renderer_create(&lit, &s->spare_lit, err) : status;
 }
 
 /* Two renderers with finer levels; one of them has the tiles that the view wants. */
@@ -150,6 +173,7 @@ static enum lw_status set_up(struct scene *s, const char *name, struct lw_error 
         s->view.camera = s->scene->camera_count ? lw_camera_of_scene(s->scene, &s->pose, 0)
                                                 : lw_camera_default(s->scene, &s->pose, s->trace,
                                                                     (float)o->width / (float)o->height);
+    if (status == LW_OK && o->directional) status = set_up_directions(s, most, err);
     return status == LW_OK ? set_up_finer(s, err) : status;
 }
 
@@ -226,39 +250,55 @@ static enum lw_status measure(struct scene *s, const char *name, struct lw_error
 }
 
 /* Takes finishes away, and puts them back. */
-static void swap_finishes(struct lw_scene *scene, const struct lw_finish **kept) {
-    for (uint32_t m = 0; m < scene->material_count; m++) {
-        const struct lw_finish *was = scene->material[m].finish;
-        scene->material[m].finish = kept[m];
-        kept[m] = was;
+static void swap_finishes(struct scene *s) {
+    for (uint32_t m = 0; m < s->scene->material_count; m++) {
+        const struct lw_finish *was = s->scene->material[m].finish;
+        s->scene->material[m].finish = s->kept[m];
+        s->kept[m] = was;
     }
 }
 
-static enum lw_status measure_finishes(struct scene *s, const char *name, struct lw_error *err) {
+/* The same with directions of light. */
+static void swap_directions(struct scene *s) {
+    struct lw_gl_renderer *const renderer = s->renderer, *const lit = s->lit;
+    s->renderer = s->spare;
+    s->lit = s->spare_lit;
+    s->spare = renderer;
+    s->spare_lit = lit;
+    s->directed = !s->directed;
+}
+
+static enum lw_status take_all(struct scene *s, struct lw_error *err) {
+    const struct lw_compose_source source = {.context = s, .level = level, .tile = tile, .noise_shown = 1};
+    const enum lw_status status = lw_gl_renderer_take(s->renderer, &source, &s->pose, 0, 0, NULL, err);
+    return status == LW_OK ? lw_gl_renderer_take(s->lit, &source, &s->pose, 0, 0, NULL, err) : status;
+}
+
+/* What the scene has costs over what it has after swap(), which takes it away and puts it back. */
+static enum lw_status measure_over(struct scene *s, const char *name, void (*swap)(struct scene *),
+                                   struct lw_error *err) {
     static const enum kind kinds[] = {COMPOSE, DRAWN, GL, LIT};
     enum { COUNT = sizeof kinds / sizeof kinds[0] };
     double with[COUNT][ROUNDS_MAX], over[COUNT][ROUNDS_MAX];
-    const float *sky = s->scene->sky;
-    const struct lw_compose_source source = {
-        .context = s, .level = level, .tile = tile, .sky = lw_vec3(sky[0], sky[1], sky[2]), .noise_shown = 1};
-    const struct lw_finish **kept = calloc(s->scene->material_count + 1ul, sizeof *kept);
-    if (!kept) return LW_NO_MEMORY;
-    enum lw_status status = do_one(s, TILES, 0, err);
-    if (status == LW_OK) status = lw_gl_renderer_take(s->lit, &source, &s->pose, 0, 0, NULL, err);
+    enum lw_status status = take_all(s, err);
+    if (s->spare) {
+        swap(s);
+        if (status == LW_OK) status = take_all(s, err);
+        swap(s);
+    }
     for (int64_t i = -1; i < s->settings->rounds && status == LW_OK; i++)
         for (int k = 0; k < COUNT && status == LW_OK; k++) {
             uint64_t at_ns[3] = {lw_clock_process_cpu_ns()};
             status = do_one(s, kinds[k], i + 1, err);
             at_ns[1] = lw_clock_process_cpu_ns();
-            swap_finishes(s->scene, kept);
+            swap(s);
             if (status == LW_OK) status = do_one(s, kinds[k], i + 1, err);
             at_ns[2] = lw_clock_process_cpu_ns();
-            swap_finishes(s->scene, kept);
+            swap(s);
             if (i < 0) continue;
             with[k][i] = 1e-6 * (double)(at_ns[1] - at_ns[0]);
             over[k][i] = (double)(at_ns[1] - at_ns[0]) / (double)(at_ns[2] - at_ns[1]);
         }
-    free(kept);
     if (status != LW_OK) return status;
     printf("| %s |", name);
     for (int k = 0; k < COUNT; k++)
@@ -268,15 +308,23 @@ static enum lw_status measure_finishes(struct scene *s, const char *name, struct
     return LW_OK;
 }
 
+static enum lw_status measure_scene(struct scene *s, const char *name, struct lw_error *err) {
+    if (s->settings->directional) return measure_over(s, name, swap_directions, err);
+    if (!s->settings->finishes) return measure(s, name, err);
+    s->kept = calloc(s->scene->material_count + 1ul, sizeof *s->kept);
+    return s->kept ? measure_over(s, name, swap_finishes, err) : LW_NO_MEMORY;
+}
+
 static enum lw_status run(void *context, const char *name, struct lw_error *err) {
     struct scene s = {.settings = context};
     struct lw_gl_offscreen *offscreen = NULL;
     enum lw_status status = lw_gl_offscreen_create(&offscreen, err);
     if (status == LW_OK) status = set_up(&s, name, err);
-    if (status == LW_OK)
-        status = s.settings->finishes ? measure_finishes(&s, name, err) : measure(&s, name, err);
+    if (status == LW_OK) status = measure_scene(&s, name, err);
     lw_gl_renderer_destroy(s.fine);
     lw_gl_renderer_destroy(s.none);
+    lw_gl_renderer_destroy(s.spare_lit);
+    lw_gl_renderer_destroy(s.spare);
     lw_gl_renderer_destroy(s.lit);
     lw_gl_renderer_destroy(s.renderer);
     lw_gl_offscreen_destroy(offscreen);
@@ -289,20 +337,33 @@ static enum lw_status run(void *context, const char *name, struct lw_error *err)
     free(s.picture);
     free(s.version);
     free(s.dark);
+    free(s.direction);
+    free(s.kept);
     free(s.light);
     lw_atlas_map_finish(&s.finer_map);
     if (s.scene) bench_close(s.scene, &s.pose, &s.map);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "%s: %s", name, lw_status_text(status));
 }
 
+/* The columns of measure_over(). */
+static void print_heading_over(const char *less) {
+    static const char *const columns[] = {"compose", "drawn", "gl", "lit"};
+    printf("| scene |");
+    for (int k = 0; k < 4; k++) printf(" %s | over %s |", columns[k], less);
+    puts("\n|---|---|---|---|---|---|---|---|---|");
+}
+
 static enum lw_status print_heading(void *context, struct lw_error *err) {
+    const struct settings *s = context;
     (void)err;
-    puts(((const struct settings *)context)->finishes
-             ? "| scene | compose | over matt | drawn | over matt | gl | over matt | lit | over matt |\n"
-               "|---|---|---|---|---|---|---|---|---|"
-             : "| scene | compose | gl | gl_over_compose | msaa | drawn | lit | lit_over_drawn | survey | "
-               "tiles | objects | draw calls | none_over_gl | finer_over_gl | finer tiles |\n"
-               "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    if (s->directional)
+        print_heading_over("E alone");
+    else if (s->finishes)
+        print_heading_over("matt");
+    else
+        puts("| scene | compose | gl | gl_over_compose | msaa | drawn | lit | lit_over_drawn | survey | "
+             "tiles | objects | draw calls | none_over_gl | finer_over_gl | finer tiles |\n"
+             "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     return LW_OK;
 }
 
@@ -312,7 +373,8 @@ int main(int argc, char **argv) {
         BENCH_SIZE(&s, "1280", "720", 1, 1),
         BENCH_ROUNDS(&s, ROUNDS_MAX),
         BENCH_TIME(&s),
-        {"finishes", NULL, "what materials' finishes cost", LW_OPTION_FLAG, &s.finishes, 0, 0, NULL}};
+        {"finishes", NULL, "what materials' finishes cost", LW_OPTION_FLAG, &s.finishes, 0, 0, NULL},
+        {"directional", NULL, "what directions of light cost", LW_OPTION_FLAG, &s.directional, 0, 0, NULL}};
     return BENCH_MAIN(argc, argv, table, .name = "bench_gl",
                       .about = "CPU time of a picture by OpenGL, by the composer's.",
                       .operand = "SCENE[@CAMERA]", .open = &s.open, .context = &s, .begin = print_heading);

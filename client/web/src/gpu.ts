@@ -14,26 +14,33 @@ export class Program {
     readonly program: WebGLProgram,
   ) {}
 
-  /** Whether use() need not wait for the compiler. Browsers that do not say so have it wait. */
+  /** Whether use() need not wait for the compiler. Browsers that do not say so have it wait. It throws where
+   * the compiler has failed. */
   isReady(): boolean {
+    if (this.ready) return true;
     const { gl, program } = this;
     const parallel = gl.getExtension('KHR_parallel_shader_compile');
-    this.ready ||= !parallel || !!gl.getProgramParameter(program, parallel.COMPLETION_STATUS_KHR);
+    this.ready = !parallel || !!gl.getProgramParameter(program, parallel.COMPLETION_STATUS_KHR);
+    if (parallel && this.ready) this.check();
     return this.ready;
   }
 
   /** Waits for the compiler the first time. */
   use(): void {
+    this.check();
+    this.gl.useProgram(this.program);
+  }
+
+  private check(): void {
     const { gl, program } = this;
     if (!this.linked && !gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
       const shaders = gl.getAttachedShaders(program) ?? [];
       const logs = shaders.map((shader) => gl.getShaderInfoLog(shader)).join('\n');
-      throw new LimitError(
-        `the graphics here does not take our shaders: ${gl.getProgramInfoLog(program)} ${logs}`,
-      );
+      const what = `the graphics here does not take our shaders: ${gl.getProgramInfoLog(program)} ${logs}`;
+      console.error(what);
+      throw new LimitError(what);
     }
     this.linked = true;
-    gl.useProgram(program);
   }
 
   at(name: string): WebGLUniformLocation | null {

@@ -34,6 +34,35 @@ export function serveExample(packageFolder, scene) {
   });
 }
 
+/** In the page: its picture by way of a render target, for a canvas of WebGPU by SwiftShader stays white.
+ * There three neither maps tones nor encodes sRGB. */
+export async function readTarget() {
+  const { DataUtils, HalfFloatType, RenderTarget } = await import('three');
+  const { scene, camera, renderer } = example;
+  const { width, height } = renderer.domElement;
+  const target = new RenderTarget(width, height, { type: HalfFloatType, samples: 4 });
+  renderer.setRenderTarget(target);
+  renderer.render(scene, camera);
+  const linear = await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height);
+  renderer.setRenderTarget(null);
+  target.dispose();
+  const encode = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
+  const stride = linear.length / height;
+  const image = new ImageData(width, height);
+  for (let at = 0; at < image.data.length; at++) {
+    const [row, inRow] = [Math.floor(at / (4 * width)), at % (4 * width)];
+    const value = Math.min(
+      renderer.toneMappingExposure * DataUtils.fromHalfFloat(linear[row * stride + inRow]),
+      1,
+    );
+    image.data[at] = at % 4 === 3 ? 255 : Math.round(255 * encode(value));
+  }
+  const canvas = document.createElement('canvas');
+  Object.assign(canvas, { width, height });
+  canvas.getContext('2d').putImageData(image, 0, 0);
+  return canvas.toDataURL();
+}
+
 /** In the page, before all else: it draws when told to, and what its worker says is noted. */
 export function hookExample() {
   const waiting = [];

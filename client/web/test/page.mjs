@@ -25,7 +25,40 @@ export function hasBrowser() {
 
 export async function openBrowser(...more) {
   const graphics = ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader'];
-  return chromium.launch({ executablePath: program, args: [...graphics, '--no-sandbox', ...more] });
+  const browser = await chromium.launch({
+    executablePath: program,
+    args: [...graphics, '--no-sandbox', ...more],
+  });
+  const open = browser.newContext.bind(browser); // newPage() calls it, too
+  browser.newContext = async (...given) => {
+    const context = await open(...given);
+    watchShaders(context);
+    return context;
+  };
+  return browser;
+}
+
+/** What the page, WebGLRenderer and WebGPURenderer say of a shader that does not compile. */
+const BROKEN = /does not take our shaders|THREE\.WebGLProgram: Shader Error|pipeline creation failed|THREE\.TSL:/;
+const broken = new WeakMap();
+
+function watchShaders(context) {
+  const logs = []; // the browser's own, of WebGPU
+  const promise = new Promise((_, reject) => {
+    context.on('console', (message) => {
+      const text = message.text();
+      if (message.type() === 'warning' && /WGSL/.test(text)) logs.push(text);
+      if (message.type() === 'error' && BROKEN.test(text))
+        reject(new Error(`a shader is broken: ${[text, ...logs].join('\n')}`));
+    });
+  });
+  promise.catch(() => {});
+  broken.set(context, promise);
+}
+
+/** Rejects with the log of the first shader of the context's pages that does not compile. */
+export function brokenShader(context) {
+  return broken.get(context) ?? new Promise(() => {});
 }
 
 /** In the page: from now on it takes light, but draws with lightwell.finish() alone, and looks once in two
@@ -37,9 +70,11 @@ export function drawNothing() {
   lightwell.look = (now) => now > lookedMs + 2000 && look((lookedMs = now));
 }
 
-/** Waits until a function of the page, of what is given, is true. */
+/** Waits until a function of the page, of what is given, is true. A shader that does not compile ends it. */
 export async function until(page, what, expression, { given = null, limitMs = LIMIT_MS } = {}) {
-  await page.waitForFunction(expression, given, { timeout: limitMs, polling: 100 }).catch(async (error) => {
+  const waited = page.waitForFunction(expression, given, { timeout: limitMs, polling: 100 });
+  await Promise.race([waited, brokenShader(page.context())]).catch(async (error) => {
+    waited.catch(() => {}); // the page's end ends it
     const state = await page.evaluate(() =>
       JSON.stringify(
         globalThis.lightwell ? { ...lightwell.stats, uploadMs: 0, message: lightwell.message() } : 'no page',

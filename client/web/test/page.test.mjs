@@ -7,10 +7,10 @@ import { join } from 'node:path';
 import test from 'node:test';
 import { WebSocketServer } from 'ws';
 
-import { bin, hasDaemon, startDaemon } from './daemon.mjs';
+import { bin, hasDaemon, LIMIT_MS, startDaemon } from './daemon.mjs';
 import { root } from './load.mjs';
 import { checkAccessibility, checkLayout, checkUploads, hasBrowser } from './page.mjs';
-import { pictureName, pixels, resizeAround, until } from './page.mjs';
+import { openBrowser, pictureName, pixels, resizeAround, until } from './page.mjs';
 import { comparePictures, HEIGHT, startStill, WIDTH } from './pictures.mjs';
 import { withPage } from './shared.mjs';
 
@@ -33,6 +33,7 @@ test('the Cornell box', { skip: missing || false }, async (t) => {
           cameras: ['0.3,1.2,3.4:0,0.8,0:45'],
         }),
       );
+    await t.test('a shader that does not compile is named at once', () => refusesShader(daemon));
     await t.test('fingers look and move', () => withPage(viewport, touchPage(daemon), { hasTouch: true }));
   } finally {
     await daemon.stop();
@@ -47,6 +48,27 @@ test('tiles of finer levels', { skip: missing || false }, async () => {
     await daemon.stop();
   }
 });
+
+/** The page's own line and the wait's error have the compiler's log. */
+async function refusesShader(daemon) {
+  const browser = await openBrowser();
+  try {
+    const page = await browser.newPage({ viewport });
+    await page.addInitScript(() => {
+      const { shaderSource } = WebGL2RenderingContext.prototype;
+      WebGL2RenderingContext.prototype.shaderSource = function (shader, source) {
+        shaderSource.call(this, shader, `${source}\nvoid later() { noSuchName = 1.0; }`);
+      };
+    });
+    await page.goto(`${daemon.url}?direct=tiles`);
+    const never = until(page, 'light that never comes', () => false);
+    await assert.rejects(never, /a shader is broken: .*noSuchName/s);
+    const says = () => /does not take our shaders: .*noSuchName/s.test(lightwell.message());
+    await page.waitForFunction(says, null, { timeout: LIMIT_MS });
+  } finally {
+    await browser.close();
+  }
+}
 
 const WIRE_MAX = 92000; // bytes, of all that the page loads at first, headers included
 

@@ -3,7 +3,15 @@ import assert from 'node:assert/strict';
 import { after } from 'node:test';
 
 import { LIMIT_MS } from './daemon.mjs';
-import { openBrowser, readsCanvas } from './page.mjs';
+import { brokenShader, openBrowser, readsCanvas } from './page.mjs';
+
+/** WebGPU by SwiftShader: arguments of withPage(). */
+export const WEBGPU = [
+  '--enable-unsafe-webgpu',
+  '--use-webgpu-adapter=swiftshader',
+  '--enable-features=Vulkan',
+  '--use-vulkan=swiftshader',
+];
 
 let browser = null;
 
@@ -20,7 +28,7 @@ function watchReading() {
 after(async () => (await browser)?.close());
 
 /** A page of its own context. look(page, context): what to do with it. It ends when the page
- * throws something.
+ * throws something, or has a shader that does not compile.
  * Nor shall the page warn of anything, unless mayWarn. args: of the browser, by the first page. more: of the
  * context. */
 export async function withPage(viewport, look, { mayWarn = false, args = [], ...more } = {}) {
@@ -40,7 +48,7 @@ export async function withPage(viewport, look, { mayWarn = false, args = [], ...
   });
   const looked = context.newPage().then((page) => look(page, context));
   try {
-    const result = await Promise.race([looked, threw]);
+    const result = await Promise.race([looked, threw, brokenShader(context)]);
     assert.deepEqual(warnings, []);
     return result;
   } finally {

@@ -8,7 +8,7 @@ import { join } from 'node:path';
 import test from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
-import { hookExample, serveExample, untilExampleIsLit } from './example.mjs';
+import { hookExample, readTarget, serveExample, untilExampleIsLit } from './example.mjs';
 import { web } from './load.mjs';
 import {
   checkUploads,
@@ -22,7 +22,7 @@ import {
   until,
 } from './page.mjs';
 import { lampWay, room } from './room.mjs';
-import { withPage } from './shared.mjs';
+import { WEBGPU, withPage } from './shared.mjs';
 
 const WIDTH = 320;
 const HEIGHT = 180;
@@ -95,16 +95,7 @@ async function serve(given, more, run) {
   }
 }
 
-/** WebGPU by SwiftShader. */
-const PAGE = {
-  mayWarn: true,
-  args: [
-    '--enable-unsafe-webgpu',
-    '--use-webgpu-adapter=swiftshader',
-    '--enable-features=Vulkan',
-    '--use-vulkan=swiftshader',
-  ],
-};
+const PAGE = { mayWarn: true, args: WEBGPU };
 const NEWEST = { three: 'three', renderer: 'webgl' };
 
 /** The page's picture of a room against ours; returns the lamps that it draws, and the time. All pages after
@@ -146,35 +137,6 @@ function show(lights, { given, what, daemon: more = [], view = [], limits, varia
       await withPage({ width: WIDTH, height: HEIGHT }, (page) => look(page, variant), PAGE);
     return first;
   });
-}
-
-/** In the page: its picture by way of a render target, for a canvas of WebGPU by SwiftShader stays white.
- * There three neither maps tones nor encodes sRGB. */
-async function readTarget() {
-  const { DataUtils, HalfFloatType, RenderTarget } = await import('three');
-  const { scene, camera, renderer } = example;
-  const { width, height } = renderer.domElement;
-  const target = new RenderTarget(width, height, { type: HalfFloatType, samples: 4 });
-  renderer.setRenderTarget(target);
-  renderer.render(scene, camera);
-  const linear = await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height);
-  renderer.setRenderTarget(null);
-  target.dispose();
-  const encode = (x) => (x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
-  const stride = linear.length / height;
-  const image = new ImageData(width, height);
-  for (let at = 0; at < image.data.length; at++) {
-    const [row, inRow] = [Math.floor(at / (4 * width)), at % (4 * width)];
-    const value = Math.min(
-      renderer.toneMappingExposure * DataUtils.fromHalfFloat(linear[row * stride + inRow]),
-      1,
-    );
-    image.data[at] = at % 4 === 3 ? 255 : Math.round(255 * encode(value));
-  }
-  const canvas = document.createElement('canvas');
-  Object.assign(canvas, { width, height });
-  canvas.getContext('2d').putImageData(image, 0, 0);
-  return canvas.toDataURL();
 }
 
 const inLightmaps =
@@ -268,7 +230,7 @@ function showSmooth(directional, variants) {
 
 test('three: what is smooth is as the page has it', { skip: missing || false }, async () => {
   const oldest = process.env.LW_LONG ? [{ three: 'three-160', renderer: 'webgl' }] : [];
-  await showSmooth('auto', [NEWEST, ...oldest]);
-  // WebGPURenderer reads no directions
-  await showSmooth('off', [{ three: 'three', renderer: 'nodes' }]);
+  const nodes = { three: 'three', renderer: 'nodes' };
+  await showSmooth('auto', [NEWEST, nodes, ...oldest]);
+  await showSmooth('off', [nodes]);
 });

@@ -1,5 +1,6 @@
 // lightwell-three: finer levels. Tiles come where the camera looks, and bring the picture nearer to that of
-// dense lightmaps. They go when it looks away. A server may have none.
+// dense lightmaps. They go when it looks away. A server may have none. With LW_LONG WebGPURenderer by WebGPU,
+// and its directions.
 import assert from 'node:assert/strict';
 import { existsSync, mkdtempSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
@@ -7,11 +8,11 @@ import { join } from 'node:path';
 import test, { after, before } from 'node:test';
 
 import { bin, hasDaemon, startDaemon } from './daemon.mjs';
-import { serveExample } from './example.mjs';
+import { readTarget, serveExample } from './example.mjs';
 import { web } from './load.mjs';
 import { compare, hasBrowser, pictureName, pixelsOf, reference, until } from './page.mjs';
 import { room } from './room.mjs';
-import { withPage } from './shared.mjs';
+import { WEBGPU, withPage } from './shared.mjs';
 
 const WIDTH = 320;
 const HEIGHT = 180;
@@ -43,17 +44,17 @@ after(() => {
   if (folder) rmSync(folder, { recursive: true });
 });
 
-/** A page with the globals of three_page.html, and a server of its own. */
-async function withLight(more, look) {
+/** A page with the globals of three_page.html, and a server of its own. renderer: '' or of that page. */
+async function withLight(more, look, renderer = '') {
   const daemon = await startDaemon(scene, ...COARSE, ...more, '--http-origin', site.origin);
   const address = `ws://${new URL(daemon.url).host}/ws`;
   const open = async (page) => {
-    await page.goto(`${site.origin}/test.html`);
+    await page.goto(`${site.origin}/test.html${renderer && `?renderer=${renderer}`}`);
     await until(page, 'its modules', () => globalThis.load);
     return look(page, address);
   };
   try {
-    return await withPage({ width: WIDTH, height: HEIGHT }, open, { mayWarn: true });
+    return await withPage({ width: WIDTH, height: HEIGHT }, open, { mayWarn: true, args: WEBGPU });
   } finally {
     await daemon.stop();
   }
@@ -62,6 +63,7 @@ async function withLight(more, look) {
 /** Light for a scene of its own; draws until end(). bent: all surfaces have the same bent normal. */
 const attach = async ([address, options, bent]) => {
   globalThis.scene = await load();
+  globalThis.example = { scene, camera, renderer };
   globalThis.constant = (...rgb) => {
     const map = new THREE.DataTexture(Uint8Array.of(...rgb, 255), 1, 1);
     map.needsUpdate = true;
@@ -69,10 +71,12 @@ const attach = async ([address, options, bent]) => {
   };
   const normalMap = bent && constant(168, 222, 150);
   scene.traverse(({ material }) => {
-    if (bent && material) Object.assign(material, { normalMap, normalMapType: THREE.ObjectSpaceNormalMap });
+    if (!bent || !material) return;
+    Object.assign(material, { normalMap, normalMapType: THREE.ObjectSpaceNormalMap });
+    material.normalScale.set(1, 1); // as in three_directions.test.mjs
   });
   scene.updateMatrixWorld(true);
-  globalThis.light = await Lightwell.attach(scene, address, options);
+  globalThis.light = await Lightwell.attach(scene, address, { ...options, tsl: globalThis.tsl });
   const draw = () => {
     if (!globalThis.light) return;
     light.update(camera, innerHeight);
@@ -109,6 +113,8 @@ const settle = (page, tiles) =>
 const drawDirections = () => {
   const { pool, placed } = light;
   const draw = () => {
+    // WebGPURenderer does not look at what is changed here
+    for (const each of placed) for (const { material } of each.materials) material.needsUpdate = true;
     renderer.render(scene, camera);
     return renderer.domElement.toDataURL();
   };
@@ -143,16 +149,18 @@ async function denseReference(page) {
 
 /** what: a name, for people. */
 async function pictureOf(page, what) {
-  const url = await page.evaluate(() => {
+  const drawn = await page.evaluate(() => {
+    if (renderer.backend?.isWebGPUBackend) return null;
     renderer.render(scene, camera);
     return renderer.domElement.toDataURL();
   });
+  const url = drawn ?? (await page.evaluate(readTarget));
   const name = pictureName('room', what);
   if (name) writeFileSync(name, Buffer.from(url.slice(url.indexOf(',') + 1), 'base64'));
   return pixelsOf(page, url);
 }
 
-test('three: finer levels come where the camera looks, and go', skip, () =>
+const comeAndGo = (renderer) =>
   withLight([], async (page, address) => {
     assert.equal(await page.evaluate(attach, [address, {}]), 0);
     await settle(page, 0);
@@ -172,8 +180,19 @@ test('three: finer levels come where the camera looks, and go', skip, () =>
     await page.evaluate(() => camera.position.set(1.5, 1.7, 2.2));
     await until(page, 'tiles that come again', () => light.finerTiles > 5);
     assert.equal(await page.evaluate(end), textures);
-  }),
-);
+    if (renderer !== 'webgpu') return;
+    // WebGPU takes 256 layers
+    await page.evaluate(attach, [address, { finerSlots: 300 }]);
+    await settle(page, 6);
+    assert.deepEqual(await page.evaluate(() => [light.pool.slots, light.pool.pool.image.depth]), [256, 256]);
+    await page.evaluate(end);
+  }, renderer);
+
+const long = { skip: missing || (!process.env.LW_LONG && 'LW_LONG is not set') };
+const comes = 'three: finer levels come where the camera looks, and go';
+test(comes, skip, () => comeAndGo(''));
+test(`${comes}, with WebGPURenderer by WebGL`, skip, () => comeAndGo('nodes'));
+test(`${comes}, with WebGPURenderer by WebGPU`, long, () => comeAndGo('webgpu'));
 
 /** Share of the values that are further apart than their rounding. */
 function shareApart(a, b) {
@@ -182,7 +201,7 @@ function shareApart(a, b) {
   return apart / a.length;
 }
 
-test('three: finer levels read their own directions, as level 0 does its', skip, () =>
+const readDirections = (renderer) =>
   withLight(['--directional', 'on'], async (page, address) => {
     assert.equal(await page.evaluate(attach, [address, { finerSlots: 128 }, true]), 4);
     await settle(page, 6);
@@ -205,6 +224,7 @@ test('three: finer levels read their own directions, as level 0 does its', skip,
     assert.ok(changesPlain > 0.2 && changes < 0.5 * changesPlain);
     assert.ok(same < 0.001, `${same} differ where both have one direction`);
     await page.evaluate(end);
+    if (renderer) return;
     // a GPU with fewer layers
     for (const [most, room] of [[200, 128], [100, 100]]) { // prettier-ignore
       await page.evaluate((most) => {
@@ -221,8 +241,11 @@ test('three: finer levels read their own directions, as level 0 does its', skip,
       assert.deepEqual(given, [room, 0, room]);
       await page.evaluate(end);
     }
-  }),
-);
+  }, renderer);
+
+const reads = 'three: finer levels read their own directions, as level 0 does its';
+test(reads, skip, () => readDirections(''));
+test(`${reads}, with WebGPURenderer`, long, () => readDirections('nodes'));
 
 test('three: few slots, none, and a server without finer levels', skip, () =>
   withLight(['--detail', '0'], async (page, address) => {

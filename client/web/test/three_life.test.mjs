@@ -379,6 +379,16 @@ test('three: light for objects that only the client has', skip, async () => {
       nodes.toneMapping = renderer.toneMapping;
       nodes.toneMappingExposure = renderer.toneMappingExposure;
       const byNodes = picture(nodes);
+      // a second one, in the shade of the shelf, with a probe of its own
+      const other = ball.clone();
+      other.material = material.clone();
+      other.position.set(1.2, 0.3, -1.6);
+      scene.add(other);
+      other.updateMatrixWorld();
+      const stopOther = light.follow(other);
+      const [both, bothByNodes] = [picture(), picture(nodes)];
+      stopOther();
+      other.removeFromParent();
       stop();
       const isBack = ball.material === material;
       const stopped = picture();
@@ -399,7 +409,7 @@ test('three: light for objects that only the client has', skip, async () => {
         isBack,
         wrong,
         after,
-        pictures: { without, dark, lit, again, byNodes, stopped },
+        pictures: { without, dark, lit, again, byNodes, both, bothByNodes, stopped },
       };
     }, address);
     console.log(`of the lightmap: ${result.ratios.map((each) => each.map((x) => x.toFixed(2))).join('; ')}`);
@@ -417,7 +427,7 @@ test('three: light for objects that only the client has', skip, async () => {
     ]);
     assert.deepEqual(result.after, [0, 0, 0]);
     assert.equal(result.isBack, true);
-    const { without, dark, lit, again, byNodes, stopped } = result.pictures;
+    const { without, dark, lit, again, byNodes, both, bothByNodes, stopped } = result.pictures;
     assert.equal(again, without, 'lightmapped surfaces do not see the probe');
     assert.equal(stopped, dark, 'follow() ends');
     const [a, b, c] = [await pixelsOf(page, lit), await pixelsOf(page, byNodes), await pixelsOf(page, dark)];
@@ -426,6 +436,10 @@ test('three: light for objects that only the client has', skip, async () => {
     console.log(`followed, by WebGPURenderer: FLIP ${same.flip}; not followed: FLIP ${other.flip}`);
     assert.ok(same.flip < 0.02, `FLIP ${same.flip}`);
     assert.ok(other.flip > 0.02, `FLIP ${other.flip}`);
+    const [two, twoByNodes] = [await pixelsOf(page, both), await pixelsOf(page, bothByNodes)];
+    const apart = two.reduce((sum, x, i) => sum + (Math.abs(x - twoByNodes[i]) > 12 ? 1 : 0), 0);
+    console.log(`two followed: ${apart} values of ${two.length} are apart`);
+    assert.ok(apart < 0.003 * two.length, `${apart} values are apart`);
   });
 });
 

@@ -5,12 +5,12 @@ import * as THREE from 'three';
 
 import { type AtlasMap, TILE_SIDE } from '../src/atlas.ts';
 import { FinerTiles, SHARE_WHOLE, SLOT_BITS, SLOT_SIDE } from '../src/finer.ts';
-import { type AnyRenderer, isWebGL, RGB9E5, sendLayer, sendTexel } from './lightmaps.ts';
+import { type AnyRenderer, layersMax, RGB9E5, sendLayer, sendTexel } from './lightmaps.ts';
 
 /** Slots of a pool, at most. */
 export const SLOTS_MAX = 1 << SLOT_BITS;
-const TABLE_BITS = 10; // the table is 2^10 entries wide
-const LEVELS_MAX = 4;
+export const TABLE_BITS = 10; // the table is 2^10 entries wide
+export const LEVELS_MAX = 4;
 /** A texel of a finer level is this many pixels wide, or wider (common/tile/fine_choice.h). */
 export const FINE_PIXELS = 4;
 
@@ -59,19 +59,21 @@ vec3 lightwellFinest( vec3 light, vec2 uv ) {
 export class FinePool {
   tiles: FinerTiles;
   private readonly texels: Uint32Array;
-  private readonly entries: Uint16Array;
-  private readonly pool: THREE.DataArrayTexture;
-  private readonly table: THREE.DataTexture;
+  private readonly entries: Uint16Array | Uint32Array;
+  readonly pool: THREE.DataArrayTexture;
+  readonly table: THREE.DataTexture;
   private readonly whole = new WeakMap<THREE.Texture, number>(); // version that the GPU has
   private renderer: AnyRenderer | null = null;
   private readonly entryOf = new Set<number>(); // tiles that are shown
   private readonly farther: { value: number }; // layers from light to its direction; 0: not known
 
-  /** map: with finer levels. directed: the server says where their light comes from. */
+  /** map: with finer levels. directed: the server says where their light comes from. wide: the table has 32
+   * bits an entry, as WebGPU wants. */
   constructor(
     private readonly map: AtlasMap,
     public slots: number,
     directed: boolean,
+    wide: boolean,
   ) {
     this.farther = { value: directed ? slots : 0 };
     const layers = slots + this.farther.value;
@@ -80,11 +82,11 @@ export class FinePool {
     Object.assign(this.pool, RGB9E5);
     this.pool.magFilter = this.pool.minFilter = THREE.LinearFilter;
     const rows = Math.ceil((map.tileCount - map.plainCount) / (1 << TABLE_BITS));
-    this.entries = new Uint16Array(rows << TABLE_BITS);
+    this.entries = wide ? new Uint32Array(rows << TABLE_BITS) : new Uint16Array(rows << TABLE_BITS);
     this.table = new THREE.DataTexture(this.entries, 1 << TABLE_BITS, rows);
     this.table.format = THREE.RedIntegerFormat;
-    this.table.type = THREE.UnsignedShortType;
-    this.table.internalFormat = 'R16UI';
+    this.table.type = wide ? THREE.UnsignedIntType : THREE.UnsignedShortType;
+    if (!wide) this.table.internalFormat = 'R16UI'; // WebGPURenderer takes names of WebGPU alone
     this.table.magFilter = this.table.minFilter = THREE.NearestFilter;
     for (const texture of [this.pool, this.table]) {
       texture.generateMipmaps = texture.flipY = false;
@@ -110,9 +112,8 @@ export class FinePool {
   drawnBy(renderer: AnyRenderer): void {
     const isFirst = !this.renderer;
     this.renderer = renderer;
-    if (!isFirst || !isWebGL(renderer)) return;
-    const gl = renderer.getContext() as WebGL2RenderingContext;
-    const layers = gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number;
+    if (!isFirst) return;
+    const layers = layersMax(renderer);
     if (this.slots + this.farther.value <= layers) return;
     this.farther.value = 0;
     this.slots = Math.min(this.slots, layers);
@@ -150,7 +151,8 @@ export class FinePool {
     else this.entryOf.delete(id);
     const { table, renderer } = this;
     const [x, y] = [at & ((1 << TABLE_BITS) - 1), at >> TABLE_BITS];
-    if (!(renderer && this.isWhole(table) && sendTexel(table, renderer, x, y, entry)))
+    const one = this.entries.subarray(at, at + 1);
+    if (!(renderer && this.isWhole(table) && sendTexel(table, renderer, x, y, one)))
       table.needsUpdate = true;
   }
 

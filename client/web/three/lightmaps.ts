@@ -35,6 +35,7 @@ interface WebGPURenderer {
 }
 
 interface GPUDeviceLike {
+  limits: { maxTextureArrayLayers: number };
   queue: { writeTexture(to: object, data: BufferSource, layout: object, size: object): void };
 }
 
@@ -110,26 +111,47 @@ type Send = (left: number, top: number, width: number, height: number) => void;
 
 /** null: this renderer does not have the texture, or is not as it is known here. */
 function sender(map: Lightmap, renderer: AnyRenderer): Send | null {
-  const { backend } = renderer as WebGPURenderer;
-  if (backend) {
-    const kept = backend.get(map.texture);
-    if (backend.isWebGLBackend && backend.gl && backend.state && kept?.textureGPU)
-      return sendGL(map, backend.gl, backend.state, kept.textureGPU);
-    if (backend.isWebGPUBackend && backend.device && kept?.texture)
-      return sendGPU(map, backend.device, kept.texture);
-    return null;
-  }
+  const gpu = keptGPU(map.texture, renderer);
+  if (gpu) return sendGPU(map, gpu.device, gpu.texture);
   const kept = keptGL(map.texture, renderer);
   return kept && sendGL(map, kept.gl, kept.state, kept.texture);
 }
 
-/** Where a WebGLRenderer has a texture; null: it has not, or is another renderer. */
-function keptGL(texture: THREE.Texture, renderer: AnyRenderer) {
-  if (!isWebGL(renderer)) return null;
+interface KeptGL {
+  gl: WebGL2RenderingContext;
+  state: { bindTexture(target: number, texture: WebGLTexture): void };
+  texture: WebGLTexture;
+}
+
+/** Where a renderer has a texture by WebGPU; null: it has not, or draws by WebGL. */
+function keptGPU(texture: THREE.Texture, renderer: AnyRenderer) {
+  const { backend } = renderer as WebGPURenderer;
+  if (!backend?.isWebGPUBackend || !backend.device) return null;
+  const kept = backend.get(texture)?.texture;
+  return kept ? { device: backend.device, texture: kept } : null;
+}
+
+/** The same by WebGL. */
+function keptGL(texture: THREE.Texture, renderer: AnyRenderer): KeptGL | null {
+  if (!isWebGL(renderer)) {
+    const { backend } = renderer as WebGPURenderer;
+    if (!backend?.isWebGLBackend || !backend.gl || !backend.state) return null;
+    const { gl, state } = backend;
+    const own = backend.get(texture)?.textureGPU;
+    return own ? { gl, state, texture: own } : null;
+  }
   const { properties, state } = renderer;
   const kept = properties?.get(texture) as { __webglTexture?: WebGLTexture } | undefined;
   if (!kept?.__webglTexture) return null;
   return { gl: renderer.getContext() as WebGL2RenderingContext, state, texture: kept.__webglTexture };
+}
+
+/** Layers of an array texture that a renderer takes, at most. */
+export function layersMax(renderer: AnyRenderer): number {
+  const { backend } = renderer as WebGPURenderer;
+  if (backend?.device) return backend.device.limits.maxTextureArrayLayers;
+  const gl = backend?.gl ?? (isWebGL(renderer) && (renderer.getContext() as WebGL2RenderingContext));
+  return gl ? (gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS) as number) : 256;
 }
 
 export function isWebGL(renderer: AnyRenderer): renderer is THREE.WebGLRenderer {
@@ -144,6 +166,14 @@ export function sendLayer(
   side: number,
   texels: Uint32Array,
 ): boolean {
+  const gpu = keptGPU(array, renderer);
+  if (gpu) {
+    const to = { texture: gpu.texture, origin: { x: 0, y: 0, z: layer } };
+    const layout = { offset: 0, bytesPerRow: 4 * side, rowsPerImage: side };
+    const size = { width: side, height: side, depthOrArrayLayers: 1 };
+    gpu.device.queue.writeTexture(to, texels as unknown as BufferSource, layout, size);
+    return true;
+  }
   const kept = keptGL(array, renderer);
   if (!kept) return false;
   const { gl, state, texture } = kept;
@@ -156,22 +186,29 @@ export function sendLayer(
   return true;
 }
 
-/** The same of one texel of a table, R16UI. */
+/** The same of one texel of a table, R16UI or R32UI. */
 export function sendTexel(
   table: THREE.Texture,
   renderer: AnyRenderer,
   x: number,
   y: number,
-  value: number,
+  one: Uint16Array | Uint32Array,
 ): boolean {
+  const gpu = keptGPU(table, renderer);
+  if (gpu) {
+    const to = { texture: gpu.texture, origin: { x, y } };
+    const size = { width: 1, height: 1 };
+    gpu.device.queue.writeTexture(to, one as unknown as BufferSource, { offset: 0, bytesPerRow: 4 }, size);
+    return true;
+  }
   const kept = keptGL(table, renderer);
   if (!kept) return false;
   const { gl, state, texture } = kept;
   state.bindTexture(gl.TEXTURE_2D, texture);
   gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
   gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
-  const one = Uint16Array.of(value);
-  gl.texSubImage2D(gl.TEXTURE_2D, 0, x, y, 1, 1, gl.RED_INTEGER, gl.UNSIGNED_SHORT, one);
+  const type = one instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.UNSIGNED_INT;
+  gl.texSubImage2D(gl.TEXTURE_2D, 0, x, y, 1, 1, gl.RED_INTEGER, type, one);
   return true;
 }
 

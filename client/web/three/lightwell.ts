@@ -22,6 +22,7 @@ import { FinePool, SLOTS_MAX } from './fine_pool.ts';
 import { Follower } from './follow.ts';
 import { Gather } from './gather.ts';
 import { type AnyRenderer, emptyMap, isWebGL, takeTile, UNKNOWN, upload } from './lightmaps.ts';
+import { lackOf, type ShadingNodes } from './nodes.ts';
 import { startWorker } from './start.ts';
 import { Survey } from './survey.ts';
 import { Changes, hideLights, type Placed, placeObjects } from './swap.ts';
@@ -40,11 +41,14 @@ export interface AttachOptions {
   /** Side of their shadow maps, texels. Default 2048, and 512 for each of the six sides of a point light. */
   shadowMapSize?: number;
   /** How many tiles of finer levels there is room for, 64 x 64 texels each, up to 1024: lightmaps are up to
-   * 16 times finer where the camera is near. With WebGLRenderer alone. Default 0: none. */
+   * 16 times finer where the camera is near. WebGPURenderer reads them with `tsl`. Default 0: none. */
   finerSlots?: number;
-  /** Ask where light comes from: normal maps show in it, and gloss shows which side it comes from. With
-   * WebGLRenderer alone. Default true. */
+  /** Ask where light comes from: normal maps show in it, and gloss shows which side it comes from.
+   * WebGPURenderer shows that with `tsl`. Default true. */
   directions?: boolean;
+  /** three's shading language, for directions and finer levels with WebGPURenderer: TSL of three/webgpu.
+   * Default: it shows neither. */
+  tsl?: object;
   /** Folder that holds worker.js, lightwell_tiles.wasm and zstd.wasm of this package, for a bundler that does
    * not find them. Default: beside lightwell.js. lightwell-three/inline needs none. */
   assets?: string | URL;
@@ -144,6 +148,8 @@ function checkGiven(scene: THREE.Object3D, url: string, options: AttachOptions):
     fail(`shadowMapSize: ${side}: it is not a whole number from 1 to ${SHADOW_MAX}`);
   if (slots !== undefined && !(Number.isInteger(slots) && slots >= 0 && slots <= SLOTS_MAX))
     fail(`finerSlots: ${slots}: it is not a whole number from 0 to ${SLOTS_MAX}`);
+  const lack = options.tsl && lackOf(options.tsl);
+  if (lack) fail(`tsl: it has no ${lack}: it is not TSL of three/webgpu, or that of an older three`);
   if (timeoutMs !== undefined && !(timeoutMs > 0)) fail(`timeoutMs: ${timeoutMs}: it is not a time above 0`);
   if (token !== undefined && !/^([0-9a-f]{64})?$/i.test(token))
     fail('token: it is not 64 hexadecimal digits');
@@ -400,11 +406,12 @@ export class Lightwell {
   private takeScene(message: Extract<FromWorker, { kind: 'scene' }>): void {
     const { data, draws, clientLights, finer, directed } = message;
     this.clear();
+    const tsl = (this.options.tsl as ShadingNodes | undefined) ?? null;
     const map = (this.map = new AtlasMap(data.meshes, data.objectMesh, finer));
-    const pool = map.finer ? new FinePool(map, this.options.finerSlots!, directed) : null;
+    const pool = map.finer ? new FinePool(map, this.options.finerSlots!, directed, !!tsl) : null;
     if (pool) this.changes.add(() => pool.dispose());
     this.pool = pool;
-    this.placed = placeObjects(data, this.root, this.changes, this.missing, pool, directed);
+    this.placed = placeObjects(data, this.root, this.changes, this.missing, pool, directed, tsl);
     this.survey = pool && new Survey(map, this.placed, pool);
     for (const placed of this.placed) {
       if (!placed) continue;
@@ -546,10 +553,11 @@ export class Lightwell {
     this.tell({ kind: 'interest', ids: this.listInterest(camera, height) });
   }
 
-  /** Looks for tiles of finer levels, and fades them. A WebGPURenderer does not read them. */
+  /** Looks for tiles of finer levels, and fades them. A WebGPURenderer reads them by tsl alone. */
   private updateFiner(camera: THREE.Camera, height: number): void {
     const { pool, survey, gather, renderer } = this;
-    if (!pool || !survey || !gather || !renderer || !isWebGL(renderer)) return;
+    if (!pool || !survey || !gather || !renderer) return;
+    if (!isWebGL(renderer) && !this.options.tsl) return;
     const nowMs = performance.now();
     camera.updateWorldMatrix(true, false);
     survey.step(gather, camera, height, nowMs);
@@ -595,12 +603,14 @@ export class Lightwell {
       return;
     }
     const place = this.map!.place(id);
-    const { directions, lightmap } = this.placed[place.object] ?? {};
+    const { directions, lightmap, materials } = this.placed[place.object] ?? {};
     if (!directions || !lightmap) return;
     if (!directions.map) {
       const { texture } = (directions.map = emptyMap(lightmap.width, lightmap.height, UNKNOWN));
       this.changes.add(() => texture.dispose());
       directions.uniforms.lightwellDirections.value = texture;
+      // a WebGPURenderer looks at properties that it knows, and at this
+      for (const { material } of materials!) material.needsUpdate = true;
     }
     takeTile(directions.map, place, texels);
     upload(directions.map, place, this.renderer);

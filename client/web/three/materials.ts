@@ -7,6 +7,7 @@ import * as THREE from 'three';
 
 import { DIRECTED } from '../src/direction_shader.ts';
 import { FINER_SHADER, type FinerUniforms } from './fine_pool.ts';
+import { byDirection, exposeFiner, type FineNodes, finest, type Node, type ShadingNodes } from './nodes.ts';
 
 type Shader = THREE.WebGLProgramParametersWithUniforms;
 
@@ -16,26 +17,12 @@ export interface DirectionUniforms {
   lightwellRoot: { value: THREE.Matrix4 }; // of the server's world
 }
 
-/** As far as it is used; of the shading language in which WebGPURenderer has its materials. */
-interface Node {
-  r: Node;
-  g: Node;
-  b: Node;
-  mul(factor: number | Node): Node;
-  add(other: Node): Node;
-  sub(other: Node): Node;
-  div(by: number | Node): Node;
-  max(other: number): Node;
-  min(other: number): Node;
-  toVar(): Node;
-  assign(value: Node): void;
-}
-
 /** The fields of NodeMaterial that this module uses. */
 interface NodeMaterial extends THREE.Material {
-  isNodeMaterial?: boolean;
   setupLightingModel(builder: unknown): LightingModel;
   setupLightMap(builder: { renderer: unknown }): unknown;
+  lightwellDirections?: THREE.Texture; // as DirectionUniforms have it
+  lightwellRoot?: THREE.Matrix4;
 }
 
 interface LightingModel {
@@ -45,6 +32,8 @@ interface LightingModel {
 }
 
 const LOBE = ' * ( 1.0 - singleScattering - multiScattering )';
+/** three's mirrored light that facets send on. Its E knows no side. */
+const SENT_ON = 'multiScattering * cosineWeightedIrradiance';
 
 /** What is smooth takes the light of lightmaps and probes as three takes an environment map's: part of it
  * is mirrored. Where there is an environment map, too, it is mirrored as far as that light tells that it is
@@ -118,13 +107,14 @@ irradiance += lightMapIrradiance${smooth ? '' : ' * lightwellBy.x'};`,
   );
 
 /** A copy of a material that shows lightmaps and probes as the server does. probe: the copy gets its light,
- * too. finer, directions: of its lightmap, with WebGLRenderer. Own hooks of the original (onBeforeCompile)
- * go on. */
+ * too. finer, directions: of its lightmap, with WebGLRenderer, and by tsl with WebGPURenderer.
+ * Own hooks of the original (onBeforeCompile) go on. */
 export function withServersLight(
   original: THREE.Material,
   probe: THREE.LightProbe | null,
   finer: FinerUniforms | null = null,
   directions: DirectionUniforms | null = null,
+  tsl: ShadingNodes | null = null,
 ): THREE.Material {
   const material = original.clone();
   const smooth = isSmooth(original);
@@ -132,9 +122,15 @@ export function withServersLight(
   material.onBeforeCompile = (shader: Shader, renderer) => {
     before?.call(material, shader, renderer);
     const { fragmentShader } = shader;
-    const chunk = THREE.ShaderChunk.lights_physical_pars_fragment.replaceAll(LOBE, '');
+    const physical = THREE.ShaderChunk.lights_physical_pars_fragment;
+    const chunk = !smooth
+      ? physical.replaceAll(LOBE, '')
+      : directions
+        ? physical.replace(SENT_ON, 'multiScattering * radiance')
+        : physical;
     shader.fragmentShader = smooth
       ? fragmentShader
+          .replace('#include <lights_physical_pars_fragment>', () => chunk)
           .replace('#include <lights_fragment_end>', `${MIRRORED}${directions ? DIRECTED_MIRROR : ''}$&`)
           .replace('#include <aomap_fragment>', `$&${OCCLUDED}`)
       : fragmentShader.replace('#include <lights_physical_pars_fragment>', () => chunk);
@@ -158,15 +154,18 @@ export function withServersLight(
           'irradiance += getLightProbeIrradiance( lightwellProbe, geometryNormal );\n#endif',
       );
   };
-  // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe, uniforms do not.
-  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed'];
+  // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe and pool, uniforms do not:
+  // WebGPURenderer looks at a material's own strings, too.
+  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed', tsl && 'nodes'];
   const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
-  const uuid = probe?.uuid ?? '';
+  const pool = tsl && (finer?.lightwellPool?.value as THREE.Texture | undefined);
   material.customProgramCacheKey = function (this: NodeMaterial) {
-    const key = String(inherited(this, 'customProgramCacheKey').call(this));
-    return `${key} ${kind} ${this.isNodeMaterial ? uuid : ''}`;
+    return `${String(inherited(this, 'customProgramCacheKey').call(this))} ${kind}`;
   };
-  hookNodes(material as NodeMaterial, probe, smooth);
+  Object.assign(material, { lightwellNodes: `${probe?.uuid ?? ''} ${pool?.uuid ?? ''}` });
+  if (directions) exposeDirections(material as NodeMaterial, directions);
+  if (finer && tsl) exposeFiner(material, finer);
+  hookNodes(material as NodeMaterial, probe, smooth, { tsl, finer, directed: !!directions });
   return material;
 }
 
@@ -177,18 +176,51 @@ interface IndirectLight {
   radiance: Node;
 }
 
-/** MIRRORED. */
-function mirror({ irradiance, iblIrradiance, radiance }: IndirectLight): void {
+/** Nodes read uniforms of each material as its properties. */
+function exposeDirections(material: NodeMaterial, directions: DirectionUniforms): void {
+  const get = () => directions.lightwellDirections.value;
+  Object.defineProperty(material, 'lightwellDirections', { get, enumerable: true });
+  material.lightwellRoot = directions.lightwellRoot.value;
+}
+
+/** What lightmapped materials read by nodes. tsl: null: nothing. */
+interface ReadByNodes {
+  tsl: ShadingNodes | null;
+  finer: FinerUniforms | null;
+  directed: boolean;
+}
+
+/** MIRRORED, and DIRECTED_MIRROR with tsl. e: of the lightmap. */
+function mirror(
+  { irradiance, iblIrradiance, radiance }: IndirectLight,
+  tsl: ShadingNodes | null,
+  e: Node | null,
+  fine: FineNodes | null,
+): void {
   const luminance = ({ r, g, b }: Node) => r.mul(0.2126).add(g.mul(0.7152)).add(b.mul(0.0722));
   const share = luminance(irradiance).div(luminance(iblIrradiance).max(1e-9)).min(1).toVar();
   const rest = irradiance.sub(iblIrradiance.mul(share)).max(0).div(Math.PI);
   radiance.assign(radiance.mul(share).add(rest));
   iblIrradiance.assign(irradiance);
   irradiance.assign(irradiance.mul(0));
+  if (!tsl || !e) return;
+  const { factor, gain } = byDirection(tsl, true, fine);
+  radiance.assign(radiance.mul(gain));
+  // Facets send on light of iblIrradiance. Matt parts get both sums.
+  const matt = iblIrradiance.add(factor.sub(1).mul(e)).toVar();
+  iblIrradiance.assign(radiance.mul(Math.PI));
+  irradiance.assign(matt.sub(iblIrradiance));
 }
 
 /** WebGPURenderer copies a material's own properties, these with them, onto a NodeMaterial. */
-function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smooth: boolean): void {
+function hookNodes(
+  material: NodeMaterial,
+  probe: THREE.LightProbe | null,
+  smooth: boolean,
+  { tsl, finer, directed }: ReadByNodes,
+): void {
+  let e: Node | null = null; // of the lightmap, once it is set up
+  let fine: FineNodes | null = null;
   material.setupLightingModel = function (builder) {
     const model = inherited(this, 'setupLightingModel').call(this, builder) as LightingModel;
     const { indirectDiffuse } = model;
@@ -196,7 +228,7 @@ function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smoot
     if (smooth) {
       model.indirectDiffuse = function (...given) {
         const [from] = given as [Partial<IndirectLight> & { context?: IndirectLight }];
-        mirror((from.context ?? from) as IndirectLight);
+        mirror((from.context ?? from) as IndirectLight, directed ? tsl : null, e, fine);
         indirectDiffuse.apply(this, given);
       };
       return model;
@@ -211,7 +243,16 @@ function hookNodes(material: NodeMaterial, probe: THREE.LightProbe | null, smoot
     };
     return model;
   };
-  if (!probe) return;
+  if (tsl && (finer || directed))
+    material.setupLightMap = function (builder) {
+      const own = inherited(this, 'setupLightMap').call(this, builder) as { node: Node } | null;
+      if (!own) return own;
+      fine = finer && finest(tsl, finer, own.node);
+      e = fine?.light ?? own.node;
+      own.node = directed && !smooth ? e.mul(byDirection(tsl, false, fine).factor) : e;
+      return own;
+    };
+  if (!probe) return; // which lightmapped materials do not have
   material.setupLightMap = function (builder) {
     const own = inherited(this, 'setupLightMap').call(this, builder);
     const library = (builder.renderer as { library?: { getLightNodeClass(of: unknown): unknown } }).library;

@@ -8,6 +8,7 @@ import { LightKind } from '../src/package.ts';
 import type { FinePool, FinerUniforms } from './fine_pool.ts';
 import { CHANNEL, emptyMap, lightmapOf, type Lightmap, UNKNOWN } from './lightmaps.ts';
 import { type DirectionUniforms, materialsOf, readsDirections, withServersLight } from './materials.ts';
+import type { ShadingNodes } from './nodes.ts';
 
 const COLOUR_EPS = 1e-3; // of a light's colours, relative
 
@@ -58,7 +59,8 @@ export function nameOf(node: THREE.Object3D): string {
 }
 
 /** By object; null: the scene has no node of that name, which `missing` gets. pool: of tiles of finer levels;
- * null: there are none. directed: tiles say where their light comes from. */
+ * null: there are none. directed: tiles say where their light comes from. tsl: for WebGPURenderer to read
+ * that. */
 export function placeObjects(
   data: SceneData,
   root: THREE.Object3D,
@@ -66,6 +68,7 @@ export function placeObjects(
   missing: string[],
   pool: FinePool | null,
   directed: boolean,
+  tsl: ShadingNodes | null,
 ): (Placed | null)[] {
   const nodes = new Map<string, THREE.Object3D>();
   root.traverse((node) => {
@@ -93,7 +96,7 @@ export function placeObjects(
       lightwellDirections: { value: unknown },
       lightwellRoot: { value: root.matrixWorld },
     };
-    return place(node, geometries.get(index)!, data, shape, names, changes, finer, directions);
+    return place(node, geometries.get(index)!, data, shape, names, changes, finer, directions, tsl);
   });
 }
 
@@ -186,6 +189,7 @@ function place(
   changes: Changes,
   finer: FinerUniforms | null,
   directions: DirectionUniforms | null,
+  tsl: ShadingNodes | null,
 ): Placed {
   const indices = geometry.userData.materials as number[];
   const own = ownMeshes(node, names, new Set(indices.map((index) => data.materialName[index]!)));
@@ -205,6 +209,7 @@ function place(
       null,
       unlit ? null : finer,
       directed,
+      tsl,
     ) as THREE.MeshStandardMaterial;
     material.lightMap = unlit ? null : (lightmap?.texture ?? null);
     material.lightMapIntensity = data.lightUnit;
