@@ -489,7 +489,8 @@ static void test_mirrors(void **state) {
     }
 }
 
-/* A mirror that nothing is over shows the sky; the tiles that it shows are needed. */
+/* A mirror that nothing is over shows the sky; the tiles that it shows are needed, by surveys
+ * as well. */
 static void test_mirrors_of_what_is_there(void **state) {
     (void)state;
     struct compose_case_world w;
@@ -508,6 +509,11 @@ static void test_mirrors_of_what_is_there(void **state) {
         compose_case_render(&w, &view, rgb);
         for (uint32_t t = 0; t < w.map.tile_count; t++)
             above += w.map.place[t].object == 1 && lw_compose_needed(w.compose)[t];
+        assert_int_equal(above > 0, with);
+        lw_compose_survey(w.compose, &w.source, &w.pose, &view);
+        above = 0;
+        for (uint32_t t = 0; t < w.map.tile_count; t++)
+            above += w.map.place[t].object == 1 && lw_compose_around(w.compose)[t];
         assert_int_equal(above > 0, with);
     }
     compose_case_world_finish(&w);
