@@ -34,7 +34,7 @@ static void note(void *user, struct lw_vec3 p, double area, double direct, doubl
     found->count++;
 }
 
-static struct found look(const struct room_solution *solution, uint32_t quad) {
+static struct found texels_of(const struct room_solution *solution, uint32_t quad) {
     struct found found = {.darkest = (double)INFINITY};
     room_each_texel(solution, quad, note, &found);
     found.mean /= found.count ? found.count : 1;
@@ -42,15 +42,15 @@ static struct found look(const struct room_solution *solution, uint32_t quad) {
 }
 
 /* The end of a wall, 2 m high, black under an even sky. A black beam as wide as a house, with double-sided
- * faces, lies before its upper half, `gap` away. Whoever stands under an endless beam sees a quarter of the sky: E is pi/2; here the beam
- * ends, and E is more. */
+ * faces, lies before its upper half, `gap` away. Under an endless beam a quarter of the sky is seen: E is
+ * pi/2; this beam ends, and E is more. */
 static void expect_end_of_wall(float gap, float beam_foot) {
     struct room room = {.texels_per_metre = DENSITY, .sky = 1};
     const uint32_t end = box(&room, lw_vec3(-1, -1, -1), lw_vec3(0, 1, 1), 0, false) + 1;
     box(&room, lw_vec3(gap, beam_foot, -6), lw_vec3(12, 8, 6), 0, true);
     struct room_solution solution;
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 64);
-    const struct found found = look(&solution, end);
+    const struct found found = texels_of(&solution, end);
     assert_in_range(found.count, 20 * 10, 20 * 12);
     if (found.darkest < 0.95 * acos(-1.0) / 2)
         fail_msg("gap %g m, foot at %g m: a texel reads %.3f", (double)gap, (double)beam_foot, found.darkest);
@@ -77,7 +77,7 @@ static void rooms_with_a_lamp_keep_their_texels(void **state) {
     struct room_solution solution;
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8}, 16);
     for (uint32_t q = first; q < first + 6; q++) {
-        const struct found found = look(&solution, q);
+        const struct found found = texels_of(&solution, q);
         assert_true(found.count >= 2 * 40 * 40); /* the outside, too */
         expect_near(2 * found.mean, 4 * acos(-1.0) / 6 / 16, 0.02);
     }
@@ -94,7 +94,7 @@ static void rooms_with_a_window_keep_theirs(void **state) {
     struct room_solution solution;
     room_solve(&solution, &room, (struct lw_solver_desc){.direct_samples = 8, .bounces = 1}, 4);
     uint32_t count = 0;
-    for (uint32_t q = first; q < first + 6; q++) count += look(&solution, q).count;
+    for (uint32_t q = first; q < first + 6; q++) count += texels_of(&solution, q).count;
     assert_in_range(count, 0.9 * 2 * 40 * (5 * 40 + 38), 2 * 41 * 6 * 41);
     room_finish(&solution);
 }

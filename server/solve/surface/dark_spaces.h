@@ -8,14 +8,25 @@
 #ifndef LW_SURFACE_DARK_SPACES_H
 #define LW_SURFACE_DARK_SPACES_H
 
-#include "server/solve/surface/hidden_points.h"
+#include "common/scene/pose.h"
+#include "common/trace/trace.h"
+#include "server/solve/surface/texels.h"
 
 #define LW_DARK_SPACES_WALKS 16u /* that find no light: the space is dark */
 
-/** Sixteen walks, one from each active point. walk: which; below LW_DARK_SPACES_WALKS. Returns the lanes that find
- * light. */
-uint16_t lw_dark_spaces_find_light(const struct lw_hidden_points_search *search, const uint32_t walk[LW_TRACE_WIDTH],
-                                   uint16_t active, const struct lw_vec3 point[LW_TRACE_WIDTH],
+/** Where walks go. far_m: beyond all of the scene */
+struct lw_dark_spaces {
+    const struct lw_texels *texels;
+    const struct lw_pose *pose;
+    const struct lw_trace *trace;
+    float far_m;
+};
+
+/** Sixteen walks, one from each active point. walk: which, each below LW_DARK_SPACES_WALKS. Returns the lanes
+ * that find light. */
+uint16_t lw_dark_spaces_find_light(const struct lw_dark_spaces *spaces, uint16_t active,
+                                   const uint32_t walk[LW_TRACE_WIDTH],
+                                   const struct lw_vec3 point[LW_TRACE_WIDTH],
                                    const struct lw_vec3 normal[LW_TRACE_WIDTH]);
 
 #endif

@@ -290,7 +290,9 @@ static uint16_t is_dark(struct packet *p, uint32_t walk) {
         normal[lane] = point->face;
         number[lane] = WALKS * point->number + walk;
     }
-    const uint16_t lit = lw_dark_spaces_find_light(p->crowd->search, number, p->active, at, normal);
+    const struct lw_hidden_points_search *search = p->crowd->search;
+    const struct lw_dark_spaces spaces = {search->texels, search->pose, search->trace, search->far_m};
+    const uint16_t lit = lw_dark_spaces_find_light(&spaces, p->active, number, at, normal);
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (lit >> lane & 1) p->crowd->texel[p->point[lane]->texel].lit = true;
     return p->active & (uint16_t)~lit;
