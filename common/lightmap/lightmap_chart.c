@@ -1,6 +1,7 @@
 #include "common/lightmap/lightmap_chart.h"
 
 #include "common/lightmap/lightmap_apart.h"
+#include "common/lightmap/lightmap_bevel.h"
 #include "common/lightmap/lightmap_heap.h"
 #include "common/lightmap/lightmap_merge.h"
 #include "common/lightmap/lightmap_plane.h"
@@ -274,6 +275,7 @@ enum lw_status lw_lightmap_chart_build(struct lw_lightmap_charts *charts, const 
     else
         status = lw_lightmap_plane_create(mesh->triangle_count, &plane);
     if (status == LW_OK) status = lw_lightmap_apart_create(&apart);
+    if (status == LW_OK) status = lw_lightmap_bevel_cut(&topology);
     if (status == LW_OK) {
         memset(charts->corner, 0xff, triangles * sizeof *charts->corner);
         memset(charts->chart, 0xff, triangles * sizeof *charts->chart);

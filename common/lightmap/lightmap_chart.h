@@ -5,8 +5,8 @@
  * A chart grows from a seed triangle by unfolding its neighbours over their shared edges, like a paper model.
  * Developable surfaces (walls, columns, arches, mouldings) are exact. Elsewhere stretch is bounded: a
  * triangle that would be stretched too far, flip, or overlap another goes to another chart. Triangles lower
- * than a texel may be stretched more. Hard edges are chart borders, except of pieces of a few texels, whose
- * gutters would take most of the atlas. */
+ * than a texel may be stretched more. Hard edges, and bevels within a texel (lightmap_bevel.h), are chart
+ * borders, except of pieces of a few texels, whose gutters would take most of the atlas. */
 #ifndef LW_COMMON_LIGHTMAP_CHART_H
 #define LW_COMMON_LIGHTMAP_CHART_H
 

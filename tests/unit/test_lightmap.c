@@ -229,6 +229,34 @@ static void what_is_near_lies_together(void **state) {
     lw_scene_destroy(scene);
 }
 
+static float bevel_m;
+
+/* Two walls of a metre at a right angle; between them a corner that three facets round off. */
+static struct lw_vec3 bevelled(float u, float v) {
+    const float at = 5 * u, turn = 0.5f * LW_PI * (fminf(fmaxf(at, 1), 4) - 1) / 3;
+    const float before = fmaxf(0, 1 - at), behind = fmaxf(0, at - 4);
+    return lw_vec3(bevel_m * sinf(turn) - before, 2 * v, bevel_m * (1 - cosf(turn)) + behind);
+}
+
+static uint32_t charts_of_bevel(void **state, float bevel, unsigned rows) {
+    bevel_m = bevel;
+    lightmap_case_add_grid(lightmap_case_fresh(state), bevelled, 5, rows);
+    struct lw_scene *scene = lightmap_case_scene_of(*state, NULL, 1);
+    const struct lw_lightmap_report r = lightmap_case_build(scene, 10, 0);
+    lightmap_case_check_layout(scene->mesh, &r, 1.6f);
+    lw_scene_destroy(scene);
+    return r.chart_count;
+}
+
+/* A corner is one, sharp or not, where a texel would have both walls. */
+static void a_bevel_within_a_texel_is_a_border(void **state) {
+    const float texel_m = 0.1f;
+    assert_int_equal(charts_of_bevel(state, 0.05f * texel_m, 1), 2);
+    assert_int_equal(charts_of_bevel(state, 0.25f * texel_m, 1), 2);
+    assert_int_equal(charts_of_bevel(state, 0.25f * texel_m, 16), 2);
+    assert_int_equal(charts_of_bevel(state, 2 * texel_m, 1), 1);
+}
+
 /* However thin: what lights one side of a bar must not show on another. */
 static void a_thin_bar_has_a_chart_for_each_side(void **state) {
     struct lightmap_case_shape *s = lightmap_case_fresh(state);
@@ -477,6 +505,7 @@ int main(void) {
         cmocka_unit_test(attributes_follow_their_vertices),
         cmocka_unit_test(leaves_share_rectangles),
         cmocka_unit_test(what_is_near_lies_together),
+        cmocka_unit_test(a_bevel_within_a_texel_is_a_border),
         cmocka_unit_test(a_thin_bar_has_a_chart_for_each_side),
         cmocka_unit_test(no_level_that_is_named_reads_other_charts),
         cmocka_unit_test(backs_have_their_own_half),
