@@ -49,6 +49,8 @@ struct lw_seams_guess {
 };
 
 /* While the seams are set up. */
+#define CORNER_COS 0.64f /* 50 degrees, as lightmap_bevel.c parts charts */
+
 struct builder {
     const struct lw_scene *scene;
     const struct lw_texels *texels;
@@ -305,6 +307,61 @@ static bool list_blocks(struct builder *b) {
     return ok;
 }
 
+/* From a seam's middle some texels into the chart of one side, in lightmap texels of the object. */
+static struct lw_vec2 place_inside(const struct builder *b, const struct lw_seam_edge *edge, int s,
+                                   float texels) {
+    const struct lw_mesh *mesh = &b->scene->mesh[b->scene->object[edge->object[s]].mesh];
+    const struct lw_vec2 from = edge->from[s], to = edge->to[s],
+                         middle = {0.5f * (from.x + to.x), 0.5f * (from.y + to.y)};
+    struct lw_vec2 way = {-middle.x, -middle.y};
+    if (mesh->back_offset && middle.y >= (float)mesh->back_offset) way.y += (float)mesh->back_offset;
+    for (int k = 0; k < 3; k++) {
+        const struct lw_vec2 corner = mesh->lightmap_uv[mesh->triangle[edge->triangle[s]][k]];
+        way.x += corner.x / 3;
+        way.y += corner.y / 3;
+    }
+    const float x = from.y - to.y, y = to.x - from.x, length = sqrtf(x * x + y * y);
+    const float side = x * way.x + y * way.y > 0 ? texels / length : -texels / length;
+    if (!(length > 0)) return middle;
+    return (struct lw_vec2){middle.x + side * x, middle.y + side * y};
+}
+
+/* Which way the surface looks there, in object space; false: no texel there has a surface. */
+static bool normal_inside(const struct builder *b, const struct lw_seam_edge *edge, int s, float texels,
+                          struct lw_vec3 *out) {
+    const struct lw_vec2 at = place_inside(b, edge, s, texels);
+    const int64_t x = (int64_t)floorf(at.x), y = (int64_t)floorf(at.y);
+    const struct lw_mesh_texels *mesh = mesh_of(b, edge->object[s]);
+    if (!is_covered(b, edge->object[s], x, y)) return false;
+    *out = lw_texels_vector(mesh->normal, lw_texels_index(mesh, (uint32_t)x, (uint32_t)y));
+    return true;
+}
+
+/* Which way the flat wall looks that one side of a seam borders on, but for a bevel; false: it is none. */
+static bool wall_inside(const struct builder *b, const struct lw_seam_edge *edge, int s,
+                        struct lw_vec3 *out) {
+    struct lw_vec3 farther;
+    return normal_inside(b, edge, s, 1, out) && normal_inside(b, edge, s, 2, &farther) &&
+           lw_vec3_dot(*out, farther) > LW_SEAM_EDGES_COSINE;
+}
+
+/* A seam along a bevel that is narrower than a texel (lightmap_bevel.h): the shading goes on across it, but
+ * texels on either side are of walls that look another way. */
+static bool is_corner(const struct builder *b, const struct lw_seam_edge *edge) {
+    struct lw_vec3 wall[2];
+    return edge->object[0] == edge->object[1] && wall_inside(b, edge, 0, &wall[0]) &&
+           wall_inside(b, edge, 1, &wall[1]) && lw_vec3_dot(wall[0], wall[1]) < CORNER_COS;
+}
+
+/* Without those along corners. out: to be free()d */
+static bool list_edges(const struct builder *b, const struct lw_seam_edges *all, struct lw_seam_edges *out) {
+    *out = (struct lw_seam_edges){.edge = malloc((all->count + 1) * sizeof *out->edge),
+                                  .capacity = all->count + 1};
+    for (size_t e = 0; out->edge && e < all->count; e++)
+        if (!is_corner(b, &all->edge[e])) out->edge[out->count++] = all->edge[e];
+    return out->edge != NULL;
+}
+
 static bool build(struct builder *b, const struct lw_seam_edges *edges) {
     struct lw_seams *s = b->seams;
     b->member_of = malloc(((size_t)b->texels->count + 1) * sizeof *b->member_of);
@@ -327,7 +384,9 @@ enum lw_status lw_seams_init(struct lw_seams *seams, const struct lw_scene *scen
                              const struct lw_tiles *tiles) {
     *seams = (struct lw_seams){0};
     struct builder b = {.scene = scene, .texels = texels, .tiles = tiles, .seams = seams};
-    const bool ok = build(&b, edges);
+    struct lw_seam_edges smooth;
+    const bool ok = list_edges(&b, edges, &smooth) && build(&b, &smooth);
+    free(smooth.edge);
     free(b.member_of);
     free(b.parent);
     if (ok) return LW_OK;

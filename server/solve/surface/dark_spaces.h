@@ -12,7 +12,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/surface/texels.h"
 
-#define LW_DARK_SPACES_WALKS 16u /* that find no light: the space is dark */
+#define LW_DARK_SPACES_WALKS 16u /* a space is dark where none of so many finds light */
 
 /** Where walks go. far_m: beyond all of the scene */
 struct lw_dark_spaces {
