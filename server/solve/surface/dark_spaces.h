@@ -12,7 +12,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/surface/texels.h"
 
-#define LW_DARK_SPACES_WALKS 16u /* a space is dark where none of so many finds light */
+#define LW_DARK_SPACES_WALKS 16u /* a space where none finds light is dark */
 
 /** Where walks go. far_m: beyond all of the scene */
 struct lw_dark_spaces {

@@ -17,7 +17,7 @@
 #define ENCLOSED_RAYS 13
 /* In a solid of any size rays up meet backs, all but two of these: other things may end in it. */
 #define BACK_RAYS 6
-/* Each point sends so many. All points of a texel that may be in the dark are in one space. */
+/* A point's walks. All points of a texel that may be in the dark are in one space. */
 #define WALKS (LW_DARK_SPACES_WALKS / LW_SAMPLE_POINTS_MAX)
 /* Closer to another surface than this many times the lift, a sample point may find itself
  * on the surface's other side. */
