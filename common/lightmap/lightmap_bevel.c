@@ -4,10 +4,8 @@
 
 #include <stdlib.h>
 
-/* Wide triangles that are over 50 degrees apart. */
-#define PARTED_COS 0.64f
-#define REACH      0.5f  /* texels: a wider bevel has texels of its own */
-#define FLAT       0.02f /* radians */
+#define REACH 0.5f  /* texels: a wider bevel has texels of its own */
+#define FLAT  0.02f /* radians */
 
 struct bevels {
     struct lw_lightmap_topology *topology;
@@ -16,16 +14,8 @@ struct bevels {
     struct lw_lightmap_heap heap;
 };
 
-/* At least a texel high over its longest side. */
 static bool is_wide(const struct lw_lightmap_topology *topology, uint32_t t) {
-    const float *side = topology->side[t];
-    return topology->area[t] > 0 && 2 * topology->area[t] >= fmaxf(side[0], fmaxf(side[1], side[2]));
-}
-
-static struct lw_vec3 normal_of(const struct lw_lightmap_topology *topology, uint32_t t) {
-    struct lw_vec3 place[3];
-    lw_lightmap_topology_places(topology, t, place);
-    return lw_vec3_normalize(lw_vec3_cross(lw_vec3_sub(place[1], place[0]), lw_vec3_sub(place[2], place[0])));
+    return topology->area[t] > 0 && !lw_lightmap_topology_is_fine(topology, t);
 }
 
 /* How far it is over an edge to the far side of the triangle behind it. What is flat, such as the second half
@@ -50,7 +40,7 @@ static void belong(struct bevels *b, uint32_t t, struct lw_vec3 normal, float di
 static void spread(struct bevels *b) {
     for (uint32_t t = 0; t < b->topology->triangle_count; t++) b->distance[t] = INFINITY;
     for (uint32_t t = 0; t < b->topology->triangle_count; t++)
-        if (is_wide(b->topology, t)) belong(b, t, normal_of(b->topology, t), 0);
+        if (is_wide(b->topology, t)) belong(b, t, lw_lightmap_topology_normal(b->topology->mesh, t), 0);
     while (b->heap.count) {
         const float distance = b->heap.step[0].cost;
         const uint32_t edge = lw_lightmap_heap_pop(&b->heap), t = b->topology->neighbour[edge] / 3;
@@ -62,7 +52,7 @@ static void cut(struct bevels *b) {
     for (uint32_t e = 0; e < 3 * b->topology->triangle_count; e++) {
         const uint32_t over = b->topology->neighbour[e];
         if (over == LW_SCENE_NONE || b->distance[e / 3] + b->distance[over / 3] > 2 * REACH) continue;
-        b->topology->hard[e] |= lw_vec3_dot(b->normal[e / 3], b->normal[over / 3]) < PARTED_COS;
+        b->topology->hard[e] |= lw_vec3_dot(b->normal[e / 3], b->normal[over / 3]) < LW_LIGHTMAP_CORNER_COS;
     }
 }
 

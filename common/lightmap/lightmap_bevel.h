@@ -11,6 +11,9 @@
 
 #include "common/lightmap/lightmap_topology.h"
 
+/* Walls that face over 50 degrees apart make a corner. */
+#define LW_LIGHTMAP_CORNER_COS 0.64f
+
 /** Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_lightmap_bevel_cut(struct lw_lightmap_topology *topology);
 

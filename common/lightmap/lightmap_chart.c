@@ -61,11 +61,6 @@ static void apex(const struct lw_lightmap_topology *topology, uint32_t t, uint32
     *out_height = (float)(2 * (double)topology->area[t] / l);
 }
 
-static bool is_fine(const struct lw_lightmap_topology *topology, uint32_t t) {
-    const float *side = topology->side[t];
-    return 2 * topology->area[t] < fmaxf(side[0], fmaxf(side[1], side[2]));
-}
-
 /* Whether triangle t may have these corners a, b (over edge e) and c. */
 static bool fits(const struct lw_lightmap_topology *topology, uint32_t t, uint32_t e, struct lw_vec2 a,
                  struct lw_vec2 b, struct lw_vec2 c) {
@@ -76,7 +71,7 @@ static bool fits(const struct lw_lightmap_topology *topology, uint32_t t, uint32
     float half = (ux * ux + uy * uy + vx * vx + vy * vy) / 2, det = ux * vy - uy * vx;
     if (!(det > 0)) return false;
     float root = sqrtf(fmaxf(half * half - det * det, 0)); /* eigenvalues of J^T J */
-    const float leeway = is_fine(topology, t) ? FINE_STRETCH : 1;
+    const float leeway = lw_lightmap_topology_is_fine(topology, t) ? FINE_STRETCH : 1;
     const float most = leeway * STRETCH_MAX, least = STRETCH_MIN / leeway;
     return half + root <= most * most && half - root >= least * least;
 }

@@ -89,7 +89,7 @@ static void measure(struct lw_lightmap_topology *topology, double scale) {
     }
 }
 
-static struct lw_vec3 face_normal(const struct lw_mesh *mesh, uint32_t t) {
+struct lw_vec3 lw_lightmap_topology_normal(const struct lw_mesh *mesh, uint32_t t) {
     const uint32_t *v = mesh->triangle[t];
     struct lw_vec3 a = lw_vec3_sub(mesh->position[v[1]], mesh->position[v[0]]);
     struct lw_vec3 b = lw_vec3_sub(mesh->position[v[2]], mesh->position[v[0]]);
@@ -100,7 +100,7 @@ static struct lw_vec3 face_normal(const struct lw_mesh *mesh, uint32_t t) {
 static void join(struct lw_lightmap_topology *topology, uint32_t a, uint32_t b) {
     const struct lw_mesh *mesh = topology->mesh;
     uint32_t ta = a / 3, tb = b / 3;
-    struct lw_vec3 na = face_normal(mesh, ta), nb = face_normal(mesh, tb);
+    struct lw_vec3 na = lw_lightmap_topology_normal(mesh, ta), nb = lw_lightmap_topology_normal(mesh, tb);
     float bend = atan2f(lw_vec3_length(lw_vec3_cross(na, nb)), lw_vec3_dot(na, nb));
     /* the edges run against each other: the start of one is the end of the other */
     struct lw_vec3 a0 = mesh->normal[mesh->triangle[ta][a % 3]],

@@ -30,6 +30,16 @@ void lw_lightmap_topology_places(const struct lw_lightmap_topology *topology, ui
                                  struct lw_vec3 out_place[3]);
 void lw_lightmap_topology_finish(struct lw_lightmap_topology *topology);
 
+/** Normal of a triangle with area, unit. */
+struct lw_vec3 lw_lightmap_topology_normal(const struct lw_mesh *mesh, uint32_t triangle);
+
+/** Whether a triangle is lower than a texel, over its longest side. */
+static inline bool lw_lightmap_topology_is_fine(const struct lw_lightmap_topology *topology,
+                                                uint32_t triangle) {
+    const float *side = topology->side[triangle];
+    return 2 * topology->area[triangle] < fmaxf(side[0], fmaxf(side[1], side[2]));
+}
+
 /** Numbers the distinct positions of a mesh, in order of first use. out_weld: vertex_count entries. */
 LW_MUST_CHECK enum lw_status lw_lightmap_topology_weld(const struct lw_mesh *mesh, uint32_t *out_weld,
                                                        uint32_t *out_weld_count);

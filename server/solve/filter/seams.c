@@ -2,6 +2,7 @@
 
 #include "common/base/invariant.h"
 #include "common/base/union_find.h"
+#include "common/lightmap/lightmap_bevel.h"
 #include "common/tile/bilinear.h"
 
 #include <stdlib.h>
@@ -49,8 +50,6 @@ struct lw_seams_guess {
 };
 
 /* While the seams are set up. */
-#define CORNER_COS 0.64f /* 50 degrees, as lightmap_bevel.c parts charts */
-
 struct builder {
     const struct lw_scene *scene;
     const struct lw_texels *texels;
@@ -350,7 +349,7 @@ static bool wall_inside(const struct builder *b, const struct lw_seam_edge *edge
 static bool is_corner(const struct builder *b, const struct lw_seam_edge *edge) {
     struct lw_vec3 wall[2];
     return edge->object[0] == edge->object[1] && wall_inside(b, edge, 0, &wall[0]) &&
-           wall_inside(b, edge, 1, &wall[1]) && lw_vec3_dot(wall[0], wall[1]) < CORNER_COS;
+           wall_inside(b, edge, 1, &wall[1]) && lw_vec3_dot(wall[0], wall[1]) < LW_LIGHTMAP_CORNER_COS;
 }
 
 /* Without those along corners. out: to be free()d */
