@@ -39,6 +39,16 @@ struct path_case_mean path_case_mean_of(const struct path_case_set *set, struct 
                                    sqrt(fmax(0, squares / set->seeds - mean * mean) / (set->seeds - 1))};
 }
 
+void path_case_expect_same(const struct path_case_mean *mean, int count) {
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < a; b++) {
+            const double both = sqrt(mean[a].error * mean[a].error + mean[b].error * mean[b].error);
+            if (!(fabs(mean[a].value - mean[b].value) <= SIGMA * both))
+                fail_msg("way %d: %.6g +- %.2g, way %d: %.6g +- %.2g", a, mean[a].value, mean[a].error, b,
+                         mean[b].value, mean[b].error);
+        }
+}
+
 struct lw_path_view path_case_view_of(struct lw_vec3 from, struct lw_vec3 to, float fov_deg,
                                       uint32_t bounces) {
     return (struct lw_path_view){.camera = lw_camera_look_at(from, to, fov_deg * LW_PI / 180),

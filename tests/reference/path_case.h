@@ -32,6 +32,9 @@ struct path_case_mean {
 struct path_case_mean path_case_mean_of(const struct path_case_set *set, struct lw_path_view view,
                                         uint32_t side, uint32_t samples);
 
+/** Fails unless each two means agree within SIGMA of their errors, and says which do not. */
+void path_case_expect_same(const struct path_case_mean *mean, int count);
+
 struct lw_path_view path_case_view_of(struct lw_vec3 from, struct lw_vec3 to, float fov_deg,
                                       uint32_t bounces);
 

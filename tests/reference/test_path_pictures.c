@@ -37,19 +37,13 @@ static void test_methods_agree(void **state) {
             path_case_mean_of(&set, view, 32, (view.method == LW_PATH_METHOD_BOUNCE ? 64 : 16) * effort);
         assert_true(mean[w].error < noise(0.014) * mean[w].value);
     }
-    for (int a = 0; a < WAYS; a++)
-        for (int b = 0; b < a; b++) {
-            double both = sqrt(mean[a].error * mean[a].error + mean[b].error * mean[b].error);
-            if (!(fabs(mean[a].value - mean[b].value) <= SIGMA * both))
-                fail_msg("way %d: %.6g +- %.2g, way %d: %.6g +- %.2g", a, mean[a].value, mean[a].error, b,
-                         mean[b].value, mean[b].error);
-        }
+    path_case_expect_same(mean, WAYS);
     path_case_tear_down(&set);
 }
 
-/* What the eye sees shine and what lights shine on, and what bounces bring there, are all of the same paths'
- * light. Without all lights at first hits the bounce rays that look for lights there are others' too: means
- * agree, not pixels. */
+/* Emission that is seen, light of lamps at the first hit and light of bounces there add up to the light of
+ * the same paths. Without all lights at first hits the bounce rays that look for lights there are others'
+ * too: means agree, not pixels. */
 static void test_parts_add_up(void **state) {
     (void)state;
     enum { SIDE = 48 };
