@@ -272,7 +272,7 @@ static void test_no_directions_of_light(void **state) {
     ok(lw_live_sample(live, 0, (float[]){1, 1}, rgb, &err));
 }
 
-/* From the eye of the main camera to what it sees. */
+/* From the main camera to the surfaces in its view. */
 static void test_a_ray_finds_light(void **state) {
     (void)state;
     open_live(still_daemon()->port, 0);

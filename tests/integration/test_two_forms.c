@@ -283,7 +283,7 @@ static void kept_light_is_there_in_both_forms(void **state) {
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
     while (!lw_process_said(&server, "first light"))
-        poll_all(); /* what they have until then is the last run's */
+        poll_all(); /* until then clients have the light of the last run */
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
     assert_true(lw_process_said(&server, "showing frame") && lw_process_said(&server, "going on after"));
     for (int i = 0; i < CLIENTS; i++)

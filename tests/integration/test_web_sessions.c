@@ -182,7 +182,7 @@ static void expect_refusal(struct peer *p, enum lw_refusal code) {
     hang_up(p);
 }
 
-/* The messages of a session up to SETTLED, without the WELCOME, which is looked at. */
+/* The messages of a session up to SETTLED. The WELCOME is checked here, and left out. */
 static size_t take_session(struct peer *p, uint8_t **out_bytes) {
     size_t size = 0, capacity = 0;
     uint8_t *all = NULL;
@@ -329,7 +329,7 @@ static void test_misbehaviour(void **state) {
     int s = lw_web_peer_open(web_case_port); /* text */
     assert_true(lw_web_peer_write(s, true, WEB_PEER_TEXT, "hello", 5, 5));
     assert_int_equal(close_code_after(s), 1003);
-    web = dial(true); /* a frame of 4 EiB: its beginning is looked at as it comes */
+    web = dial(true); /* a frame of 4 EiB: its first bytes are checked as they come */
     static uint8_t noise[20000];
     memset(noise, 0xff, sizeof noise);
     assert_true(lw_web_peer_write(web.socket, true, WEB_PEER_BINARY, noise, sizeof noise, 1ull << 62));

@@ -39,7 +39,8 @@ export async function openBrowser(...more) {
 }
 
 /** What the page, WebGLRenderer and WebGPURenderer say of a shader that does not compile. */
-const BROKEN = /does not take our shaders|THREE\.WebGLProgram: Shader Error|pipeline creation failed|THREE\.TSL:/;
+const BROKEN =
+  /does not take our shaders|THREE\.WebGLProgram: Shader Error|pipeline creation failed|THREE\.TSL:/;
 const broken = new WeakMap();
 
 function watchShaders(context) {

@@ -156,7 +156,13 @@ export function withServersLight(
   };
   // WebGLRenderer and WebGPURenderer keep programs by this. Nodes hold their probe and pool, uniforms do not:
   // WebGPURenderer looks at a material's own strings, too.
-  const parts = [probe && 'probe', smooth && 'smooth', finer && 'finer', directions && 'directed', tsl && 'nodes'];
+  const parts = [
+    probe && 'probe',
+    smooth && 'smooth',
+    finer && 'finer',
+    directions && 'directed',
+    tsl && 'nodes',
+  ];
   const kind = `lightwell ${before ?? ''} ${parts.filter(Boolean).join(' ')}`;
   const pool = tsl && (finer?.lightwellPool?.value as THREE.Texture | undefined);
   material.customProgramCacheKey = function (this: NodeMaterial) {
