@@ -332,12 +332,17 @@ static enum lw_status init_builder(struct builder *b, const struct lw_solver_des
 static enum lw_status build_coarse(struct coarse_first *s, const struct lw_solver_desc *desc,
                                    const struct lw_pose *pose, struct lw_error *err) {
     struct lw_solver_desc coarse = *desc;
+    struct lw_saved_texels saved;
     coarse.scene = &s->coarse_scene.scene;
     coarse.atlas_map = &s->coarse_scene.map;
     coarse.frames_max = coarse_frames(coarse.scene);
     coarse.frame_budget_s = coarse.frame_budget_units = 0;
     coarse.plan_log = NULL;
-    coarse.saved_texels = NULL;
+    if (desc->saved_texels) {
+        saved = *desc->saved_texels;
+        lw_coarse_scene_key(desc->saved_texels->key, saved.key);
+        coarse.saved_texels = &saved;
+    }
     coarse.fine_tiles = 0;
     coarse.awaited = NULL;
     return s->builder.entry->create(&coarse, pose, &s->coarse, err);

@@ -53,6 +53,11 @@ lw_tile_id lw_coarse_scene_below(const struct lw_atlas_map *map, const struct lw
     return lw_atlas_map_find(map, place->object, 0, (uint32_t)place->x >> up, (uint32_t)place->y >> up);
 }
 
+void lw_coarse_scene_key(const uint8_t key[16], uint8_t out_key[16]) {
+    memcpy(out_key, key, 16);
+    out_key[0] ^= 0xff;
+}
+
 uint64_t lw_coarse_scene_count_texels(const struct lw_scene *scene) {
     uint64_t texels = 0;
     for (uint32_t o = 0; o < scene->object_count; o++) {

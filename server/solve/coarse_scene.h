@@ -29,6 +29,9 @@ void lw_coarse_scene_finish(struct lw_coarse_scene *coarse);
  * coarse scene's */
 lw_tile_id lw_coarse_scene_below(const struct lw_atlas_map *map, const struct lw_tile_place *place);
 
+/** The key under which findings and light of the coarse scene are saved: another one than the scene's own. */
+void lw_coarse_scene_key(const uint8_t key[16], uint8_t out_key[16]);
+
 /** Texels of all objects' lightmaps, with surface or without. */
 uint64_t lw_coarse_scene_count_texels(const struct lw_scene *scene);
 

@@ -192,17 +192,11 @@ static enum lw_status filter(struct lw_solver *solver, struct lw_error *err) {
     return status == LW_OK ? update_coarse(s) : status;
 }
 
-/* The key of the coarse scene's state: another one than that of the scene's own. */
-static void change_key(const uint8_t key[16], uint8_t out_key[16]) {
-    memcpy(out_key, key, 16);
-    out_key[0] ^= 0xff;
-}
-
 static enum lw_status save(const struct lw_solver *solver, const char *path, const uint8_t key[16],
                            struct lw_error *err) {
     const struct sparse *s = (const struct sparse *)solver;
     uint8_t changed[16];
-    change_key(key, changed);
+    lw_coarse_scene_key(key, changed);
     return s->inner->ops->save(s->inner, path, changed, err);
 }
 
@@ -210,7 +204,7 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
                            uint64_t *out_frames, struct lw_error *err) {
     struct sparse *s = (struct sparse *)solver;
     uint8_t changed[16];
-    change_key(key, changed);
+    lw_coarse_scene_key(key, changed);
     const enum lw_status status = s->inner->ops->load(s->inner, path, changed, out_frames, err);
     return status == LW_OK ? update_coarse(s) : status;
 }
@@ -283,7 +277,7 @@ static enum lw_status build_inner(struct sparse *s, const struct lw_solvers_entr
     inner.fine_when = LW_FINE_AFTER_FRAMES; /* noise of the coarse scene is no reason to read it */
     if (desc->saved_texels) {
         saved = *desc->saved_texels;
-        change_key(desc->saved_texels->key, saved.key);
+        lw_coarse_scene_key(desc->saved_texels->key, saved.key);
         inner.saved_texels = &saved;
     }
     return entry->create(&inner, pose, &s->inner, err);

@@ -2,13 +2,17 @@
  * density follows, the same as without. */
 #include "tests/reference/house.h"
 
+#include "common/base/cache_folder.h"
 #include "common/light/client_lights.h"
 #include "common/lightmap/lightmap.h"
 #include "server/solve/coarse_first.h"
 #include "server/solve/coarse_tiles.h"
+#include "server/solve/surface/saved_texels.h"
+#include "tests/support/support.h"
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 static _Atomic bool cancelled;
@@ -399,6 +403,38 @@ static void test_saved_and_loaded(void **state) {
     room_finish(&again);
 }
 
+static struct stat file_of(const char *path) {
+    struct stat file;
+    assert_int_equal(stat(path, &file), 0);
+    return file;
+}
+
+/* Which coarse texels light reaches is saved under a key of its own, and read by the next start. */
+static void test_a_second_start_looks_into_nothing(void **state) {
+    (void)state;
+    const struct lw_saved_texels saved = {.folder = lw_support_temporary("coarse-texels"), .key = {7}};
+    const struct room room = room_with_two_lamps();
+    struct lw_solver_desc desc = terms;
+    struct room_solution first, second;
+    uint8_t key[LW_SAVED_TEXELS_KEY_SIZE];
+    desc.saved_texels = &saved;
+    lw_coarse_scene_key(saved.key, key);
+    char *path = lw_cache_folder_path(saved.folder, key, LW_SAVED_TEXELS_SUFFIX),
+         *whole = lw_cache_folder_path(saved.folder, saved.key, LW_SAVED_TEXELS_SUFFIX);
+    begin_with(&first, room_scene(&room), 13, true, desc);
+    assert_int_equal(access(whole, F_OK), -1); /* it is not built yet */
+    const struct stat file = file_of(path);
+    begin_with(&second, room_scene(&room), 13, true, desc);
+    assert_int_equal(file_of(path).st_ino, file.st_ino); /* saving makes another file */
+    step(&first, 1, 2);
+    step(&second, 1, 2);
+    assert_true(room_expect_same(&first, &second) > 6);
+    room_finish(&first);
+    room_finish(&second);
+    free(path);
+    free(whole);
+}
+
 static void test_small_scenes_do_without(void **state) {
     (void)state;
     const struct room room = room_with_two_lamps();
@@ -423,6 +459,7 @@ int main(void) {
         cmocka_unit_test(test_it_ends_at_any_time),
         cmocka_unit_test(test_a_failure_is_a_frames),
         cmocka_unit_test(test_saved_and_loaded),
+        cmocka_unit_test(test_a_second_start_looks_into_nothing),
         cmocka_unit_test(test_small_scenes_do_without),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
