@@ -5,9 +5,10 @@
 #include "server/solve/coarse_scene.h"
 #include "server/solve/memory_forecast.h"
 
-/* Where no --memory is given: shares of the machine's, the second one for finer tiles if level 0 fits.
- * Light is better where level 0 is whole (docs/lab/big_scenes.md). So it is, unless it takes half of
- * all. */
+/* Where no --memory is given: the most that level 0 may take to be whole. More of it makes light late, and a
+ * minute later no better (docs/lab/big_scenes.md). */
+#define WHOLE_MAX 2000000000u
+/* Shares of the machine's memory: for light, and for finer tiles if level 0 is whole. */
 #define SHARE      2
 #define FINE_SHARE 32
 #define FINE_MAX   (768ull << 20)
@@ -71,6 +72,12 @@ static enum lw_status check_budget(const struct lw_solver_desc *desc, const stru
                                      memory, "--texels-per-metre gives fewer");
 }
 
+/* Whether level 0 is whole. memory: what light may take */
+static bool is_whole(const struct need *need, const char *hindrance, bool is_default, uint64_t memory) {
+    if (hindrance || need->least == need->whole) return true;
+    return need->whole <= (is_default && memory > WHOLE_MAX ? WHOLE_MAX : memory);
+}
+
 /* The default refuses nothing. */
 static uint64_t default_budget(const struct need *need, const char *hindrance) {
     const uint64_t share = lw_memory_forecast_machine() / SHARE,
@@ -79,9 +86,9 @@ static uint64_t default_budget(const struct need *need, const char *hindrance) {
 }
 
 /* Bytes for finer tiles where no --memory is given. */
-static uint64_t default_fine(bool fits, uint64_t left) {
+static uint64_t default_fine(bool whole, uint64_t left) {
     const uint64_t share = lw_memory_forecast_machine() / FINE_SHARE,
-                   most = fits && share < FINE_MAX ? share : FINE_MAX;
+                   most = whole && share < FINE_MAX ? share : FINE_MAX;
     return left < most ? left : most;
 }
 
@@ -95,18 +102,18 @@ enum lw_status lw_daemon_memory_choose(const struct lw_daemon_settings *settings
         is_default ? default_budget(&need, hindrance) : (uint64_t)settings->memory_mb * 1000000;
     const enum lw_status status = check_budget(desc, &need, hindrance, memory, err);
     if (status != LW_OK) return status;
-    const bool fits = need.whole <= memory;
-    const uint64_t left = memory - (fits ? need.whole : need.sparse),
-                   fine = is_default ? default_fine(fits, left) : left;
+    const bool whole = is_whole(&need, hindrance, is_default, memory);
+    const uint64_t left = memory - (whole ? need.whole : need.sparse),
+                   fine = is_default ? default_fine(whole, left) : left;
     /* else nobody asks for tiles */
-    const bool is_followed = settings->light == LW_DAEMON_LIGHT_SEEN && (!fits || settings->detail);
+    const bool is_followed = settings->light == LW_DAEMON_LIGHT_SEEN && (!whole || settings->detail);
     const uint64_t base = memory - left;
-    *out_memory = (struct lw_daemon_memory){.is_sparse = !fits,
+    *out_memory = (struct lw_daemon_memory){.is_sparse = !whole,
                                             .fine_tiles = is_followed ? count_fine(fine, need.fine_tile) : 0,
                                             .base_bytes = base,
                                             .tile_bytes = need.fine_tile,
                                             .limit_bytes = is_default ? base + fine : memory};
-    if (!fits)
+    if (!whole)
         lw_log(LW_LOG_INFO,
                "the light of %.2g M texels would take %.0f MB: where nobody looks it is a quarter as dense, "
                "and takes %.0f (--memory)",

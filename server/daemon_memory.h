@@ -8,13 +8,13 @@
 #include "server/solve/solver.h"
 
 struct lw_daemon_memory {
-    bool is_sparse;      /* level 0 does not fit: it is there where somebody looks (sparse_solver.h) */
+    bool is_sparse;      /* level 0 is there where somebody looks (sparse_solver.h) */
     uint32_t fine_tiles; /* at a time: those of finer levels, and of level 0 where that is sparse */
     /* By the forecast: light that is always there, a tile of a finer level, and the most for both. */
     uint64_t base_bytes, tile_bytes, limit_bytes;
 };
 
-/** Chooses, and says so in a line where level 0 does not fit.
+/** Chooses, and says so in a line where level 0 is sparse.
  * desc    of the solver of all texels: read are scene, client_lights, bounces and directions
  * layers  of light (light_groups.h)
  * Errors  LW_NO_MEMORY with the MB needed */

@@ -148,8 +148,8 @@ static size_t list_options(struct lw_daemon_settings *s, const char *solvers,
          LW_OPTION_INT, &s->detail, 0, LW_ATLAS_FINER_MAX, NULL},
         {"memory", "MB",
          "memory for light, at most. If the lightmaps of the whole scene fit, the rest is for finer ones. If "
-         "not, only what clients look at has the full density (default: half of the machine's, and a 32nd of "
-         "it, up to 805, for finer lightmaps)",
+         "not, only what clients look at has the full density (default: 2000 for the lightmaps, or half of "
+         "the machine's if that is less, and a 32nd of it, up to 805, for finer ones)",
          LW_OPTION_INT, &s->memory_mb, 1, 1 << 24, NULL},
         {"plan-log", "FILE",
          "write there what each frame verifies, solves and shows, and why, for bug reports; some kB a frame "

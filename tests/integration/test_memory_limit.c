@@ -48,18 +48,23 @@ static void test_out_of_memory(void **state) {
     assert_int_equal(advised, sizeof limits_mb / sizeof *limits_mb);
 }
 
-#define DENSE "builtin:cornell --texels-per-metre 140 --http none --log-format text"
+#define CORNELL "builtin:cornell --http none --log-format text --texels-per-metre "
+#define DENSE   CORNELL "140"
 
-static void serve_with(unsigned mb, bool is_sparse) {
+static void serve_with(const char *line, bool is_sparse) {
     struct lw_process daemon;
-    char line[300];
-    snprintf(line, sizeof line, DENSE " --memory %u", mb);
     lw_process_serve(&daemon, line);
     char *said = lw_process_err(&daemon);
     if ((strstr(said, "where nobody looks it is a quarter as dense") != NULL) != is_sparse)
-        fail_msg("--memory %u: %s", mb, said);
+        fail_msg("%s: %s", line, said);
     free(said);
     lw_process_end(&daemon);
+}
+
+static void serve_within(unsigned mb, bool is_sparse) {
+    char line[300];
+    snprintf(line, sizeof line, DENSE " --memory %u", mb);
+    serve_with(line, is_sparse);
 }
 
 /* A refusal names the least with which there is light, and with that there is. With all that the light takes
@@ -68,8 +73,8 @@ static void a_budget_is_kept_or_refused(void **state) {
     (void)state;
     const unsigned least = lw_process_needed_mb(DENSE), whole = lw_process_needed_mb(DENSE " --light whole");
     assert_true(least > 1 && least < whole);
-    serve_with(least + 1, true);
-    serve_with(whole + 1, false);
+    serve_within(least + 1, true);
+    serve_within(whole + 1, false);
     struct lw_process daemon;
     char line[300];
     snprintf(line, sizeof line, DENSE " --listen 127.0.0.1:0 --light whole --memory %u", least + 1);
@@ -78,9 +83,19 @@ static void a_budget_is_kept_or_refused(void **state) {
     assert_true(lw_process_said(&daemon, "--light seen needs less"));
 }
 
+/* Light of over 2 GB is whole only if --memory says so. */
+static void much_light_is_sparse(void **state) {
+    (void)state;
+    static const char much[] = CORNELL "700 --max-texels 100000000";
+    assert_true(lw_process_needed_mb(CORNELL "700 --max-texels 100000000 --light whole") > 2000);
+    serve_with(much, true);
+    serve_with(DENSE, false);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(test_out_of_memory, lw_process_teardown),
-        cmocka_unit_test_teardown(a_budget_is_kept_or_refused, lw_process_teardown)};
+        cmocka_unit_test_teardown(a_budget_is_kept_or_refused, lw_process_teardown),
+        cmocka_unit_test_teardown(much_light_is_sparse, lw_process_teardown)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
