@@ -1,5 +1,6 @@
 #include "client/view/lights/emitter_clusters.h"
 
+#include "client/view/lights/emitter_triangle.h"
 #include "common/base/box.h"
 #include "common/base/cdf.h"
 #include "common/base/colour.h"
@@ -16,9 +17,12 @@
 
 /* Pieces of an object that share a box of this side are one lamp. */
 #define TOGETHER_M 0.4f
-/* From FAR radii on a cluster is a point; nearer it is its facets, and from NEAR on fades over to a point. */
-#define NEAR_RADII 3.0f
-#define FAR_RADII  5.0f
+/* From FAR radii on a cluster is a point; nearer it is its facets or triangles, and from NEAR_SHARE of that
+ * distance on it fades over to a point. Triangles know which part of them is above a surface's horizon, so
+ * they go farther. */
+#define FAR_RADII           5.0f
+#define FAR_RADII_TRIANGLES 10.0f
+#define NEAR_SHARE          0.6f
 /* From afar, what stands within this many radii of a cluster's centre is part of it. */
 #define REACH_RADII 1.5f
 
@@ -279,6 +283,18 @@ static void place_facet(struct lw_emitter_clusters *clusters, struct lw_emitter_
     facet->normal = lw_vec3_normalize(normal);
 }
 
+static void place_triangles(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {
+    cluster->triangle_count = cluster->count <= FACETS ? cluster->count : 0;
+    for (uint32_t i = 0; i < cluster->triangle_count; i++) {
+        const struct lw_emitter_side *side = &clusters->side[cluster->first + i];
+        const struct lw_emitter *e = &clusters->lights->emitter[side->emitter];
+        struct lw_emitter_triangle *t = &cluster->triangle[i];
+        const bool turned = lw_vec3_dot(lw_vec3_cross(e->edge_u, e->edge_v), normal_of(clusters, side)) < 0;
+        for (int k = 0; k < 3; k++) t->corner[k] = emitter_corner(e, turned ? 2 - k : k);
+        t->luminance = luminance_of(clusters->lights, side->emitter);
+    }
+}
+
 /* ---- the map of intensity ---- */
 
 /* Where a direction lies in the map, in steps. */
@@ -290,8 +306,8 @@ LW_WIDE_INLINE void map_place(struct lw_vec3 d, float *x, float *y) {
     *y = (0.5f + 0.5f * (d.z < 0 ? fold_b : b)) * MAP;
 }
 
-static struct lw_vec3 map_direction(uint32_t x, uint32_t y) {
-    const float a = 2 * (float)x / MAP - 1, b = 2 * (float)y / MAP - 1;
+static struct lw_vec3 map_direction(float x, float y) {
+    const float a = 2 * x / MAP - 1, b = 2 * y / MAP - 1;
     struct lw_vec3 d = lw_vec3(a, b, 1 - fabsf(a) - fabsf(b));
     if (d.z < 0) {
         d.x = (1 - fabsf(b)) * (a < 0 ? -1.0f : 1.0f);
@@ -306,18 +322,44 @@ static float side_power(const struct lw_emitter_clusters *clusters, const struct
     return power > 0 && power < INFINITY ? power : 0;
 }
 
+/* Intensity by direction: values at the steps, and in the middle of their cells. */
+struct shine {
+    float step[DIRECTIONS], middle[MAP * MAP];
+};
+
+static void add_side(struct shine *shine, struct lw_vec3 n) {
+    for (uint32_t k = 0; k < DIRECTIONS; k++) {
+        const float cosine = lw_vec3_dot(n, map_direction((float)(k % (MAP + 1)), (float)(k / (MAP + 1))));
+        shine->step[k] += cosine > 0 ? cosine : 0;
+    }
+    for (uint32_t k = 0; k < MAP * MAP; k++) {
+        const float cosine = lw_vec3_dot(n, map_direction((float)(k % MAP) + 0.5f, (float)(k / MAP) + 0.5f));
+        shine->middle[k] += cosine > 0 ? cosine : 0;
+    }
+}
+
+/* Intensity is curved, so means of steps are below what lies between them: by 1 % in the middle of a cell,
+ * for a panel. Returns the factor by which the mean over all places in the map is right (by Simpson's rule
+ * for each cell: errors at the middle count by two thirds in each direction). */
+static float find_gain(const struct shine *shine) {
+    double between = 0, bilinear = 0;
+    for (uint32_t k = 0; k < MAP * MAP; k++) {
+        const float *at = &shine->step[k / MAP * (MAP + 1) + k % MAP];
+        const float mean = 0.25f * (at[0] + at[1] + at[MAP + 1] + at[MAP + 2]);
+        bilinear += (double)mean;
+        between += (double)(mean + 2.0f / 3 * (shine->middle[k] - mean));
+    }
+    return bilinear > 0 ? (float)(between / bilinear) : 1;
+}
+
 static void fill_map(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {
-    struct lw_vec3 direction[DIRECTIONS];
-    memset(cluster->map, 0, sizeof cluster->map);
-    for (uint32_t k = 0; k < DIRECTIONS; k++) direction[k] = map_direction(k % (MAP + 1), k / (MAP + 1));
+    struct shine shine = {.step = {0}};
     for (uint32_t i = cluster->first; i < cluster->first + cluster->count; i++) {
         const struct lw_emitter_side *side = &clusters->side[i];
-        const struct lw_vec3 n = lw_vec3_scale(normal_of(clusters, side), side_power(clusters, side));
-        for (uint32_t k = 0; k < DIRECTIONS; k++) {
-            const float cosine = lw_vec3_dot(n, direction[k]);
-            cluster->map[k] += cosine > 0 ? cosine : 0;
-        }
+        add_side(&shine, lw_vec3_scale(normal_of(clusters, side), side_power(clusters, side)));
     }
+    const float gain = find_gain(&shine);
+    for (uint32_t k = 0; k < DIRECTIONS; k++) cluster->map[k] = gain * shine.step[k];
     cluster->intensity = 0;
     for (uint32_t k = 0; k < DIRECTIONS; k++) cluster->intensity = fmaxf(cluster->intensity, cluster->map[k]);
     if (!(cluster->intensity < INFINITY)) cluster->intensity = 0;
@@ -359,7 +401,7 @@ static void shade_map(struct lw_emitter_cluster *cluster, const struct lw_trace 
     const float largest = lw_vec3_max_abs(cluster->centre) + cluster->radius_m;
     struct lw_ray16 rays = {.salt = 0};
     for (uint32_t k = 0; k < DIRECTIONS; k++) {
-        const struct lw_vec3 direction = map_direction(k % (MAP + 1), k / (MAP + 1));
+        const struct lw_vec3 direction = map_direction((float)(k % (MAP + 1)), (float)(k / (MAP + 1)));
         float all = 0, seen = 0;
         for (uint32_t first = 0; first < POINTS && cluster->map[k] > 0; first += LANES) {
             float cosine[LANES];
@@ -415,6 +457,7 @@ void lw_emitter_clusters_place(struct lw_emitter_clusters *clusters, uint32_t in
     cluster->reach_m = REACH_RADII * cluster->radius_m;
     colour_cluster(clusters, cluster);
     for (uint32_t f = 0; f < cluster->facet_count; f++) place_facet(clusters, &cluster->facet[f]);
+    place_triangles(clusters, cluster);
     spread_points(clusters, cluster);
     fill_map(clusters, cluster);
     memcpy(cluster->open, cluster->map, sizeof cluster->open);
@@ -490,7 +533,7 @@ void lw_emitter_clusters_finish(struct lw_emitter_clusters *clusters) {
 /* ---- its light ---- */
 
 LW_WIDE_INLINE float far_m2(const struct lw_emitter_cluster *cluster) {
-    const float m = FAR_RADII * cluster->radius_m;
+    const float m = (cluster->triangle_count ? FAR_RADII_TRIANGLES : FAR_RADII) * cluster->radius_m;
     return m * m > 1e-12f ? m * m : 1e-12f;
 }
 
@@ -553,8 +596,19 @@ LW_WIDE_INLINE float facet_light(const struct lw_emitter_facet *f, struct lw_vec
     return facing > 0 && shining > 0 ? e : 0;
 }
 
-LW_WIDE static void light_near(const struct lw_emitter_cluster *cluster,
-                               const struct lw_points16 *restrict at, float *restrict out) {
+LW_WIDE static void light_by_triangles(const struct lw_emitter_cluster *cluster,
+                                       const struct lw_points16 *restrict at, float *restrict out) {
+    for (int i = 0; i < LANES; i++) out[i] = 0;
+    for (uint32_t k = 0; k < cluster->triangle_count; k++) {
+        const struct lw_emitter_triangle t = cluster->triangle[k];
+        for (int i = 0; i < LANES; i++)
+            out[i] += t.luminance * lw_emitter_triangle_light(t.corner, lw_vec3(at->x[i], at->y[i], at->z[i]),
+                                                              lw_vec3(at->nx[i], at->ny[i], at->nz[i]));
+    }
+}
+
+LW_WIDE static void light_by_facets(const struct lw_emitter_cluster *cluster,
+                                    const struct lw_points16 *restrict at, float *restrict out) {
     for (int i = 0; i < LANES; i++) out[i] = 0;
     for (uint32_t k = 0; k < cluster->facet_count; k++) {
         const struct lw_emitter_facet f = cluster->facet[k];
@@ -582,7 +636,7 @@ LW_WIDE static uint32_t measure_far(const struct lw_emitter_cluster *cluster,
 LW_WIDE static void mix_near(const float *restrict far, const float *restrict near,
                              const float *restrict open, float *restrict out) {
     for (int i = 0; i < LANES; i++) {
-        const float s = (FAR_RADII * sqrtf(far[i]) - NEAR_RADII) * (1 / (FAR_RADII - NEAR_RADII));
+        const float s = (sqrtf(far[i]) - NEAR_SHARE) * (1 / (1 - NEAR_SHARE));
         const float mixed = near[i] + (s > 0 ? s : 0) * (open[i] - near[i]);
         out[i] = far[i] >= 1 ? out[i] : mixed;
     }
@@ -598,7 +652,7 @@ void lw_emitter_clusters_light16(const struct lw_emitter_cluster *cluster, const
     const uint32_t count = measure_far(cluster, points, far);
     if (count > 0) light_far(cluster, cluster->map, points, out);
     if (count < LANES) {
-        light_near(cluster, points, near);
+        (cluster->triangle_count ? light_by_triangles : light_by_facets)(cluster, points, near);
         light_far(cluster, cluster->open, points, open);
         mix_near(far, near, open, out);
     }

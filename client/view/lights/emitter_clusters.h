@@ -9,7 +9,8 @@
  * Stochastic Shadows, 2018).
  * from afar    a point whose intensity depends on the direction (a map of the octahedron). An object close to
  * it, such as a lamp's shade or cage, is part of it: shadow rays end before that
- *   from nearby  a few facets, each as bright as a disc of its area; shadow rays go all the way */
+ *   from nearby  its triangles, exactly, if they are few; else a few facets, each as bright as a disc of its
+ *                area. Shadow rays go all the way */
 #ifndef LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 #define LW_CLIENT_VIEW_LIGHTS_EMITTER_CLUSTERS_H
 
@@ -30,6 +31,12 @@ struct lw_emitter_facet {
     struct lw_vec2 corner[3];      /* its part of a single side, in that side's barycentrics */
 };
 
+/** One side of a cluster of few. */
+struct lw_emitter_triangle {
+    struct lw_vec3 corner[3]; /* counterclockwise as seen from where it shines, world space, m */
+    float luminance;          /* radiance, luminance of it: W/(m^2 sr) */
+};
+
 struct lw_emitter_cluster {
     struct lw_vec3 centre; /* the centre of a ball around it, world space, m */
     float radius_m;
@@ -37,7 +44,9 @@ struct lw_emitter_cluster {
     float intensity;       /* the most in any direction, luminance, W/sr; 0: it does not shine */
     uint32_t first, count; /* its sides */
     uint32_t facet_count;
-    struct lw_emitter_facet facet[LW_EMITTER_CLUSTERS_FACETS_MAX];
+    struct lw_emitter_facet facet[LW_EMITTER_CLUSTERS_FACETS_MAX]; /* for shadow rays */
+    uint32_t triangle_count; /* its sides, if they are no more than facets; else 0 */
+    struct lw_emitter_triangle triangle[LW_EMITTER_CLUSTERS_FACETS_MAX];
     struct lw_vec3 point[LW_EMITTER_CLUSTERS_POINTS],
         normal[LW_EMITTER_CLUSTERS_POINTS]; /* even over its power */
     float reach_m;                          /* from its centre: what stands within it is part of the map */

@@ -46,17 +46,25 @@ interface Emitter {
 const luminance = (c: ArrayLike<number>) => 0.2126 * c[0]! + 0.7152 * c[1]! + 0.0722 * c[2]!;
 const fromSrgb = (x: number) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
 
-/** The direction of a value of the map. */
-const directions = Array.from({ length: DIRECTIONS }, (_, k) => {
-  const a = (2 * (k % MAP_SIDE)) / (MAP_SIDE - 1) - 1;
-  const b = (2 * Math.floor(k / MAP_SIDE)) / (MAP_SIDE - 1) - 1;
+const STEPS = MAP_SIDE - 1;
+
+/** The direction of a place in the map, in steps. */
+const direction = (column: number, row: number) => {
+  const a = (2 * column) / STEPS - 1;
+  const b = (2 * row) / STEPS - 1;
   const z = 1 - Math.abs(a) - Math.abs(b);
   const folded = z < 0;
   const x = folded ? (1 - Math.abs(b)) * (a < 0 ? -1 : 1) : a;
   const y = folded ? (1 - Math.abs(a)) * (b < 0 ? -1 : 1) : b;
   const length = Math.hypot(x, y, z);
   return [x / length, y / length, z / length] as const;
-});
+};
+
+/** Of the values of the map, and of the middles of its cells. */
+const directions = Array.from({ length: DIRECTIONS }, (_, k) => direction(k % MAP_SIDE, Math.floor(k / MAP_SIDE)));
+const middles = Array.from({ length: STEPS * STEPS }, (_, k) =>
+  direction((k % STEPS) + 0.5, Math.floor(k / STEPS) + 0.5),
+);
 
 /** Of the emitters that share a key, or are joined by one, the first is the root. */
 class Forest {
@@ -297,9 +305,11 @@ export class Clusters {
     const radius = Math.hypot(...[0, 1, 2].map((k) => box[k + 3]! - box[k]!)) / 2;
     const shapes = new Float32Array(2 * DIRECTIONS);
     const open = shapes.subarray(DIRECTIONS);
-    directions.forEach((d, k) => {
-      for (const side of sides) open[k]! += side.power * Math.max(0, dot(side.normal, d));
-    });
+    const shine = (d: readonly number[]) =>
+      sides.reduce((all, side) => all + side.power * Math.max(0, dot(side.normal, d)), 0);
+    directions.forEach((d, k) => (open[k] = shine(d)));
+    const gain = gainOf(open, middles.map(shine));
+    open.forEach((x, k) => (open[k] = x * gain));
     shapes.set(open);
     const all = luminance(sum);
     const cluster: Cluster = {
@@ -380,6 +390,19 @@ export class Clusters {
     });
     return out;
   }
+}
+
+/** The factor by which the mean of a map between its values is right: they are means of values, below what a
+ * curved intensity has there. By Simpson's rule in each cell, as emitter_clusters.c. */
+function gainOf(values: Float32Array, middle: number[]): number {
+  let [between, bilinear] = [0, 0];
+  middle.forEach((x, k) => {
+    const at = Math.floor(k / STEPS) * MAP_SIDE + (k % STEPS);
+    const mean = (values[at]! + values[at + 1]! + values[at + MAP_SIDE]! + values[at + MAP_SIDE + 1]!) / 4;
+    bilinear += mean;
+    between += mean + (2 / 3) * (x - mean);
+  });
+  return bilinear > 0 ? between / bilinear : 1;
 }
 
 /** The share of light that passes triangles along a ray (Möller and Trumbore 1997). */
