@@ -108,10 +108,10 @@ static void test_lamp(void **state) {
             const float r = sqrtf(u), phi = 2 * LW_PI * v; /* by the cosine: each stands for pi/count of it */
             const struct lw_vec3 to_light = lw_vec3(r * cosf(phi), r * sinf(phi), sqrtf(1 - u));
             const struct lw_gloss_lamp lamp = {.at = to_light, .is_sun = true};
-            float dv[WIDTH], rim[WIDTH];
-            lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+            struct lw_gloss_lit16 lit;
+            lw_gloss_lamp16(&seen, &points, &lamp, &lit);
             for (unsigned i = 0; i < WIDTH; i++) {
-                const double part = (double)(dv[i] * (seen.mirror[0][i] + seen.rim[0][i] * rim[i]));
+                const double part = (double)(lit.dv[i] * (seen.mirror[0][i] + seen.rim[0][i] * lit.rim[i]));
                 const struct lw_lobes_seen from = lw_lobes_see(&lobes, slanted(0.3f + 0.7f * (float)i / 15));
                 const double truth = (double)(lw_lobes_reflect(&from, to_light).x / to_light.z);
                 sum[i] += part, exact[i] += truth, off[i] += fabs(part - truth);
@@ -127,6 +127,37 @@ static void test_lamp(void **state) {
     }
 }
 
+/* A gloss leaves light of a lamp to the diffuse lobe by the lamp's angle, as the exact lobes do. */
+static void test_left(void **state) {
+    (void)state;
+    for (int k = 2; k <= 20; k++) {
+        const struct stuff white = glossy((float)k / 20), black = {{0, 0, 0}, 0, (float)k / 20};
+        const struct lw_lobes lobes = lobes_of(&white), gloss = lobes_of(&black);
+        struct lw_gloss16 g = {0};
+        struct lw_gloss_seen16 seen;
+        struct lw_gloss_lit16 lit;
+        struct lw_points16 points = {.x = {0}};
+        const struct lw_vec3 eye = slanted(0.6f);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            set_floor(&g, i, &white, eye);
+            points.x[i] = -slanted((float)(i + 1) / WIDTH).x,
+            points.z[i] = -slanted((float)(i + 1) / WIDTH).z;
+        }
+        lw_gloss_see16(&g, &seen);
+        lw_gloss_lamp16(&seen, &points, &(struct lw_gloss_lamp){.at = {0, 0, 0}}, &lit);
+        const struct lw_lobes_seen all = lw_lobes_see(&lobes, eye), mirrored = lw_lobes_see(&gloss, eye);
+        for (unsigned i = 0; i < WIDTH; i++) {
+            const struct lw_vec3 to_light = slanted((float)(i + 1) / WIDTH);
+            const float truth =
+                (lw_lobes_reflect(&all, to_light).x - lw_lobes_reflect(&mirrored, to_light).x) / to_light.z;
+            const float drawn = seen.diffuse[0][i] / LW_PI * lit.left[i];
+            if (fabsf(drawn / truth - 1) > 0.015f)
+                fail_msg("roughness %g, cosine %g: %g of it", k / 20.0, (double)to_light.z,
+                         (double)(drawn / truth));
+        }
+    }
+}
+
 /* A lamp's highlight lies where the floor is its mirror, and is as bright as D V F there. */
 static void test_highlight(void **state) {
     (void)state;
@@ -138,16 +169,16 @@ static void test_highlight(void **state) {
         struct lw_gloss16 g = {0};
         struct lw_gloss_seen16 seen;
         struct lw_points16 points = {.x = {0}};
-        float dv[WIDTH], rim[WIDTH];
+        struct lw_gloss_lit16 lit;
         for (unsigned i = 0; i < WIDTH; i++) {
             points.x[i] = -1 + 2 * (float)(n * 16 + (int)i) / 6400;
             set_floor(&g, i, &stuff, lw_vec3_sub(eye, lw_vec3(points.x[i], 0, 0)));
         }
         lw_gloss_see16(&g, &seen);
         const struct lw_gloss_lamp lamp = {.at = {1, 0, height}};
-        lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+        lw_gloss_lamp16(&seen, &points, &lamp, &lit);
         for (unsigned i = 0; i < WIDTH; i++)
-            if (dv[i] > best) best = dv[i], at = points.x[i];
+            if (lit.dv[i] > best) best = lit.dv[i], at = points.x[i];
     }
     assert_true(fabsf(at) < 0.02f);
     /* both cosines are 2 / sqrt 5: their squares 0.8 */
@@ -173,9 +204,9 @@ static void test_wide_lamp(void **state) {
         const float r = sqrtf(u);
         const struct lw_gloss_lamp lamp = {
             .at = {r * cosf(phi), r * sinf(phi), sqrtf(1 - u)}, .radius = 0.5f, .is_sun = true};
-        float dv[WIDTH], rim[WIDTH];
-        lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
-        for (unsigned i = 0; i < WIDTH; i++) sum[i] += (double)(LW_PI * dv[i] / (STEPS * STEPS));
+        struct lw_gloss_lit16 lit;
+        lw_gloss_lamp16(&seen, &points, &lamp, &lit);
+        for (unsigned i = 0; i < WIDTH; i++) sum[i] += (double)(LW_PI * lit.dv[i] / (STEPS * STEPS));
     }
     for (unsigned i = 0; i < WIDTH; i++)
         if (!(sum[i] < 1.02 && sum[i] > 0.8)) fail_msg("lane %u: %g", i, sum[i]);
@@ -236,10 +267,10 @@ static void test_spread(void **state) {
         assert_true(fabsf(seen.spread[i] - (i >= 12 || (i & 2 && i < 8) ? 0.01f
                                             : i < 8                     ? 0.5f * chord * chord
                                                                         : 0)) < 1e-5f);
-    float dv[WIDTH], rim[WIDTH];
+    struct lw_gloss_lit16 lit;
     const struct lw_points16 points = {.x = {0}};
-    lw_gloss_lamp16(&seen, &points, &(struct lw_gloss_lamp){.at = {0, 0, 1}, .is_sun = true}, dv, rim);
-    assert_true(dv[0] < 0.001f * dv[8] && dv[0] > 0 && dv[12] < 0.001f * dv[8]);
+    lw_gloss_lamp16(&seen, &points, &(struct lw_gloss_lamp){.at = {0, 0, 1}, .is_sun = true}, &lit);
+    assert_true(lit.dv[0] < 0.001f * lit.dv[8] && lit.dv[0] > 0 && lit.dv[12] < 0.001f * lit.dv[8]);
 }
 
 static uint32_t g_random = 1;
@@ -472,7 +503,7 @@ static void test_hostile(void **state) {
         struct lw_gloss16 g;
         struct lw_gloss_seen16 seen;
         struct lw_points16 points;
-        float dv[WIDTH], rim[WIDTH];
+        struct lw_gloss_lit16 lit;
         for (unsigned i = 0; i < WIDTH; i++) {
             draw_lane(&g, i);
             points.x[i] = draw(-1, 1), points.y[i] = draw(-1, 1), points.z[i] = 0;
@@ -484,12 +515,13 @@ static void test_hostile(void **state) {
                                            .radius = k % 5 ? 0 : draw(0, 10),
                                            .is_sun = k % 2};
         lw_gloss_see16(&g, &seen);
-        lw_gloss_lamp16(&seen, &points, &lamp, dv, rim);
+        lw_gloss_lamp16(&seen, &points, &lamp, &lit);
         for (unsigned i = 0; i < WIDTH; i++) {
             const struct lw_vec3 l = ambient(&g, &seen, i, &sky, lw_vec3(draw(0, 1e12f), 0, 1));
             const struct lw_vec3 n = get(seen.normal, i), v = get(seen.eye, i), plain = get(g.plain, i);
             assert_true(is_good(l) && is_good(get(seen.mirror, i)) && is_good(get(seen.rim, i)));
-            assert_true(dv[i] >= 0 && dv[i] < INFINITY && rim[i] >= 0 && rim[i] <= 1);
+            assert_true(lit.dv[i] >= 0 && lit.dv[i] < INFINITY && lit.rim[i] >= 0 && lit.rim[i] <= 1);
+            assert_true(lit.left[i] >= 0 && lit.left[i] <= 1 / seen.even[i]);
             assert_true(fabsf(lw_vec3_dot(n, n) - 1) < 1e-3f && lw_vec3_dot(n, v) > 0);
             const struct lw_vec3 direction = lw_vec3_sub(lw_vec3_scale(n, 2 * lw_vec3_dot(n, v)), v);
             assert_true(lw_vec3_dot(plain, v) < 0.01f || lw_vec3_dot(direction, plain) > 0);
@@ -632,6 +664,7 @@ static void test_without_direction(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_furnace),
                                        cmocka_unit_test(test_lamp),
+                                       cmocka_unit_test(test_left),
                                        cmocka_unit_test(test_highlight),
                                        cmocka_unit_test(test_wide_lamp),
                                        cmocka_unit_test(test_ambient),

@@ -138,6 +138,7 @@ void lw_compose_finish_shade(const struct lw_compose *compose, struct lw_compose
     read_finishes(compose, p, look, f);
     f->gloss.quads = p->listed ? 0 : find_quads(look, f->lanes);
     lw_gloss_see16(&f->gloss, &f->seen);
+    if (compose->show == LW_SHOW_IRRADIANCE) lw_gloss_take_off(&f->seen);
     choose_mirrors(compose, p, f, kept);
     lw_gloss_ambient16(&f->gloss, &f->seen, f->lanes, &sky, (const float(*)[LW_TRACE_WIDTH])f->e,
                        compose->has_directions ? (const float(*)[LW_TRACE_WIDTH])f->direction : NULL, kept,

@@ -52,7 +52,7 @@ static void weigh(struct lw_direct_work *w, uint32_t b, const struct lw_direct_b
     struct weight weight = {0};
     if (w->facing[b] && block->finished) {
         float e[LANES];
-        lw_direct_unshadowed_weigh_mirrored(block, w->dv[b], w->rim[b], e);
+        lw_direct_unshadowed_weigh_mirrored(block, &w->gloss[b], e);
         for (uint32_t i = 0; i < LANES; i++) e[i] *= w->e[b][i];
         weight = find_weights(e, block->base, block->e, luminance);
     } else if (w->facing[b]) {

@@ -100,12 +100,11 @@ struct lw_direct_work {
     uint16_t facing[LW_DIRECT_BLOCKS];          /* bit i: e > 0 */
     /* bit i: e is at least a share of all light: LW_DIRECT_SHARE_FAINT, direct_job.c's SEEN and NOISY */
     uint16_t faint[LW_DIRECT_BLOCKS], seen[LW_DIRECT_BLOCKS], noisy[LW_DIRECT_BLOCKS];
-    /* blocks with a finish: what pixels mirror of the light at hand's e, lw_gloss_lamp16() */
-    float dv[LW_DIRECT_BLOCKS][LW_DIRECT_LANES], rim[LW_DIRECT_BLOCKS][LW_DIRECT_LANES];
-    uint16_t reached[LW_DIRECT_BLOCKS]; /* blocks with a finish: bit i: e > 0 */
-    uint16_t flat[LW_DIRECT_BLOCKS];    /* bit i: pixel i belongs to a quad on one surface */
-    bool finished;                      /* some pixels of the tile have a finish */
-    bool whole[LW_DIRECT_BLOCKS];       /* the block lies on one flat piece of surface */
+    struct lw_gloss_lit16 gloss[LW_DIRECT_BLOCKS]; /* blocks with a finish: of the light at hand's e */
+    uint16_t reached[LW_DIRECT_BLOCKS];            /* blocks with a finish: bit i: e > 0 */
+    uint16_t flat[LW_DIRECT_BLOCKS];               /* bit i: pixel i belongs to a quad on one surface */
+    bool finished;                                 /* some pixels of the tile have a finish */
+    bool whole[LW_DIRECT_BLOCKS];                  /* the block lies on one flat piece of surface */
     /* shadow rays of a pixel: those that found light, all */
     uint8_t lit[LW_DIRECT_BLOCKS * LW_DIRECT_LANES], taken[LW_DIRECT_BLOCKS * LW_DIRECT_LANES];
     float share[LW_DIRECT_BLOCKS * LW_DIRECT_LANES];

@@ -82,11 +82,13 @@ void lw_direct_resolve_add(const struct lw_direct_job *job, uint32_t b, const fl
                            struct lw_vec3 colour) {
     const struct lw_direct_work *w = job->work;
     struct lw_direct_block *block = &job->tile->block[b];
-    add_matt_part(share, w->e[b], colour, w->facing[b], block->e);
-    if (!block->finished) return;
+    if (!block->finished) {
+        add_matt_part(share, w->e[b], colour, w->facing[b], block->e);
+        return;
+    }
     float e[LANES];
     for (uint32_t i = 0; i < LANES; i++) e[i] = w->facing[b] >> i & 1u ? w->e[b][i] * share[i] : 0;
-    lw_direct_unshadowed_add_mirrored(e, w->dv[b], w->rim[b], colour, block);
+    lw_direct_unshadowed_add(e, &w->gloss[b], colour, block);
 }
 
 void lw_direct_resolve_tile(const struct lw_direct_job *job) {

@@ -72,38 +72,39 @@ static struct lw_gloss_lamp lamp_of(const struct lw_direct_pixels *d, uint32_t c
 
 /* The same of a block with finishes, and the shares of e that it mirrors. */
 static uint16_t light_finished(const struct lw_direct_pixels *d, uint32_t candidate,
-                               const struct lw_direct_block *block, float e[LANES], float dv[LANES],
-                               float rim[LANES]) {
+                               const struct lw_direct_block *block, float e[LANES],
+                               struct lw_gloss_lit16 *lit) {
     const struct lw_gloss_lamp lamp = lamp_of(d, candidate);
     struct lw_points16 bumped;
     lw_direct_unshadowed_bump(block, &bumped);
     const uint32_t reached = lw_direct_unshadowed_points(d, candidate, &bumped, e);
     const uint32_t above =
         find_above(&block->points, lamp.at, lamp.is_sun ? 0 : 1, lamp.is_sun ? 0 : lamp.radius);
-    lw_gloss_lamp16(&block->seen, &block->points, &lamp, dv, rim);
+    lw_gloss_lamp16(&block->seen, &block->points, &lamp, lit);
     return (uint16_t)(reached & (above | ~(uint32_t)block->finished));
 }
 
 uint16_t lw_direct_unshadowed_block(const struct lw_direct_pixels *d, uint32_t candidate,
                                     struct lw_direct_work *w, const struct lw_direct_block *block,
                                     uint32_t b) {
-    return block->finished ? light_finished(d, candidate, block, w->e[b], w->dv[b], w->rim[b])
+    return block->finished ? light_finished(d, candidate, block, w->e[b], &w->gloss[b])
                            : lw_direct_unshadowed_points(d, candidate, &block->points, w->e[b]);
 }
 
-LW_WIDE void lw_direct_unshadowed_add_mirrored(const float *restrict e, const float *restrict dv,
-                                               const float *restrict rim, struct lw_vec3 colour,
-                                               struct lw_direct_block *restrict block) {
+LW_WIDE void lw_direct_unshadowed_add(const float *restrict e, const struct lw_gloss_lit16 *restrict lit,
+                                      struct lw_vec3 colour, struct lw_direct_block *restrict block) {
     const float tint[3] = {colour.x, colour.y, colour.z};
     for (uint32_t c = 0; c < 3; c++)
         for (uint32_t i = 0; i < LANES; i++) {
-            const float f = block->seen.mirror[c][i] + block->seen.rim[c][i] * rim[i];
-            block->mirrored[c][i] += block->finished >> i & 1u ? e[i] * dv[i] * tint[c] * f : 0;
+            const bool finished = block->finished >> i & 1u;
+            const float f = block->seen.mirror[c][i] + block->seen.rim[c][i] * lit->rim[i];
+            block->e[c][i] += e[i] * tint[c] * (finished ? lit->left[i] : 1);
+            block->mirrored[c][i] += finished ? e[i] * lit->dv[i] * tint[c] * f : 0;
         }
 }
 
 LW_WIDE void lw_direct_unshadowed_weigh_mirrored(const struct lw_direct_block *restrict block,
-                                                 const float *restrict dv, const float *restrict rim,
+                                                 const struct lw_gloss_lit16 *restrict lit,
                                                  float *restrict out) {
     const struct lw_gloss_seen16 *restrict g = &block->seen;
     for (uint32_t i = 0; i < LANES; i++) {
@@ -114,7 +115,7 @@ LW_WIDE void lw_direct_unshadowed_weigh_mirrored(const struct lw_direct_block *r
         const float edge = 0.2126f * g->rim[0][i] + 0.7152f * g->rim[1][i] + 0.0722f * g->rim[2][i];
         const float all =
             0.2126f * g->mirrored[0][i] + 0.7152f * g->mirrored[1][i] + 0.0722f * g->mirrored[2][i];
-        const float shown = diffuse + LW_PI * dv[i] * (mirror + edge * rim[i]);
+        const float shown = diffuse * lit->left[i] + LW_PI * lit->dv[i] * (mirror + edge * lit->rim[i]);
         out[i] = block->finished >> i & 1u ? shown / (diffuse + all + 1e-6f) : 1;
     }
 }

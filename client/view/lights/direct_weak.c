@@ -108,7 +108,7 @@ static uint32_t part_finished(const struct lw_direct_job *job, const struct lw_d
         const struct lw_direct_block *block = &job->tile->block[b];
         float gain[LANES], greatest = 1;
         if (!block->finished || !(out->weak[b] > 0)) continue;
-        lw_direct_unshadowed_weigh_mirrored(block, w->dv[b], w->rim[b], gain);
+        lw_direct_unshadowed_weigh_mirrored(block, &w->gloss[b], gain);
         for (uint32_t i = 0; i < LANES; i++) greatest = fmaxf(greatest, gain[i]);
         const float bright = greatest * outlook->most[b];
         if (bright < LW_DIRECT_SHARE_FAINT * (w->summary.found[b] + bright)) continue;
@@ -162,14 +162,13 @@ static uint32_t shoot_weakly(struct lw_direct_job *job, const struct lw_direct_p
 }
 
 static void add_finished(struct lw_direct_block *block, struct lw_vec3 way, struct lw_vec3 e,
-                         const float dv[LANES], const float rim[LANES]) {
+                         const struct lw_gloss_lit16 *lit) {
     struct lw_points16 bumped;
     float cosine[LANES];
     lw_direct_unshadowed_bump(block, &bumped);
-    add_by_normals(block, &bumped, way, e);
     for (uint32_t i = 0; i < LANES; i++)
         cosine[i] = fmaxf(bumped.nx[i] * way.x + bumped.ny[i] * way.y + bumped.nz[i] * way.z, 0);
-    lw_direct_unshadowed_add_mirrored(cosine, dv, rim, e, block);
+    lw_direct_unshadowed_add(cosine, lit, e, block);
 }
 
 /* weight: what the group's ray counts for */
@@ -190,7 +189,7 @@ static void add_to_block(const struct lw_direct_job *job, const struct lw_direct
         lw_vec3_sub(lw_vec3(c->x[from], c->y[from], c->z[from]), lw_vec3(at->x[i], at->y[i], at->z[i]));
     const struct lw_vec3 unit = lw_vec3_normalize(way), e = lw_vec3_scale(colour, weight * outlook->full[b]);
     if (block->finished)
-        add_finished(block, unit, e, w->dv[b], w->rim[b]);
+        add_finished(block, unit, e, &w->gloss[b]);
     else
         add_by_normals(block, &block->points, unit, e);
 }

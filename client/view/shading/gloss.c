@@ -16,6 +16,7 @@
 #define SPREAD_ALONE 0.01f /* for pixels without neighbours: a lamp's lobe of alpha 0.1 */
 #define BUMP_MAX     1e4f  /* slope */
 #define SHORT2       1e-12f
+#define EVEN_MIN     1e-3f
 
 LW_WIDE_INLINE float least(float a, float b) { return a < b ? a : b; }
 LW_WIDE_INLINE float most(float a, float b) { return a > b ? a : b; }
@@ -121,6 +122,21 @@ LW_WIDE static void look_up(const uint32_t *restrict table, const float *restric
     }
 }
 
+/* What the gloss leaves of light along a direction. */
+LW_WIDE_INLINE float leave(float gloss0, float gloss90, float a, float b) {
+    const float again = 1 / inside(a + b, 1e-3f, 1) - 1;
+    return most(1 - (gloss0 * a + gloss90 * b) * (1 + gloss0 * again), 0);
+}
+
+/* The same of even light. */
+static void leave_even(struct lw_gloss_seen16 *seen) {
+    float cosine[WIDTH], a[WIDTH], b[WIDTH];
+    for (unsigned i = 0; i < WIDTH; i++) cosine[i] = LW_GLOSS_EVEN0 + LW_GLOSS_EVEN1 * seen->roughness[i];
+    look_up(lw_lobe_table_packed(), cosine, seen->roughness, a, b);
+    for (unsigned i = 0; i < WIDTH; i++)
+        seen->even[i] = most(leave(seen->gloss0[i], seen->gloss90[i], a[i], b[i]), EVEN_MIN);
+}
+
 LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *restrict a,
                               const float *restrict b, struct lw_gloss_seen16 *restrict out) {
     float under[WIDTH], again[WIDTH], f90[WIDTH], strength[WIDTH];
@@ -130,9 +146,9 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         f90[i] = strength[i] + metal * (1 - strength[i]);
         const float gloss0 =
             inside(most(g->dielectric[0][i], most(g->dielectric[1][i], g->dielectric[2][i])), 0, 1);
+        out->gloss0[i] = strength[i] * gloss0, out->gloss90[i] = strength[i];
         again[i] = 1 / inside(a[i] + b[i], 1e-3f, 1) - 1;
-        const float taken = strength[i] * (gloss0 * a[i] + b[i]) * (1 + strength[i] * gloss0 * again[i]);
-        under[i] = most(1 - taken, 0) * (1 - metal);
+        under[i] = leave(out->gloss0[i], out->gloss90[i], a[i], b[i]) * (1 - metal);
     }
     for (unsigned c = 0; c < 3; c++)
         for (unsigned i = 0; i < WIDTH; i++) {
@@ -165,6 +181,11 @@ void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out)
     read_all(gloss, out);
     look_up(lw_lobe_table_packed(), out->cosine, out->roughness, a, b);
     weigh_all(gloss, a, b, out);
+    leave_even(out);
+}
+
+void lw_gloss_take_off(struct lw_gloss_seen16 *seen) {
+    for (unsigned i = 0; i < WIDTH; i++) seen->gloss0[i] = seen->gloss90[i] = 0, seen->even[i] = 1;
 }
 
 /* The open sky: open is its irradiance over pi, mirrored its radiance in the mirror. */
@@ -283,7 +304,7 @@ LW_WIDE_INLINE float stretch(float cosine, float alpha2) {
 /* at_point: 0 for a sun, whose direction is the same everywhere; else 1. */
 LW_WIDE static void lamp_all(const struct lw_gloss_seen16 *restrict g, const struct lw_points16 *restrict p,
                              struct lw_vec3 at, float at_point, float radius, float *restrict dv,
-                             float *restrict rim) {
+                             float *restrict rim, float *restrict come) {
     for (unsigned i = 0; i < WIDTH; i++) {
         float x = at.x - at_point * p->x[i], y = at.y - at_point * p->y[i], z = at.z - at_point * p->z[i];
         const float near = 1 / sqrtf(x * x + y * y + z * z + 1e-20f);
@@ -303,11 +324,15 @@ LW_WIDE static void lamp_all(const struct lw_gloss_seen16 *restrict g, const str
         const float c = 1 - inside(vx * hx + vy * hy + vz * hz, 0, 1), c2 = c * c;
         dv[i] = a2 / (LW_PI * d * d + FLT_MIN) * v;
         rim[i] = c2 * c2 * c;
+        come[i] = in;
     }
 }
 
 void lw_gloss_lamp16(const struct lw_gloss_seen16 *seen, const struct lw_points16 *points,
-                     const struct lw_gloss_lamp *lamp, float out_dv[LW_GLOSS_WIDTH],
-                     float out_rim[LW_GLOSS_WIDTH]) {
-    lamp_all(seen, points, lamp->at, lamp->is_sun ? 0 : 1, lamp->radius, out_dv, out_rim);
+                     const struct lw_gloss_lamp *lamp, struct lw_gloss_lit16 *out) {
+    float come[WIDTH], a[WIDTH], b[WIDTH];
+    lamp_all(seen, points, lamp->at, lamp->is_sun ? 0 : 1, lamp->radius, out->dv, out->rim, come);
+    look_up(lw_lobe_table_packed(), come, seen->roughness, a, b);
+    for (unsigned i = 0; i < WIDTH; i++)
+        out->left[i] = leave(seen->gloss0[i], seen->gloss90[i], a[i], b[i]) / seen->even[i];
 }

@@ -49,6 +49,7 @@ struct Seen {
   Lobes lobes;
   vec3 v, plain, n; // unit: to the eye; of the surface without its map, with it
   float nv, alpha, under, spread; // under: what the gloss leaves; spread: of n within a pixel, alpha^2
+  float even; // what the gloss leaves of light from everywhere
   vec3 boost; // for light that facets scatter many times
   vec3 mirrored; // of light from everywhere
 };
@@ -86,6 +87,12 @@ vec3 bentNormal(vec3 n, vec3 ng, vec3 v) {
   return long2 > 1e-3 ? between * inversesqrt(long2) : ng;
 }
 
+// what the gloss leaves of light of which mirrors send back the shares
+float leave(Lobes lobes, vec2 share) {
+  float lost = 1.0 / clamp(share.x + share.y, 0.1, 1.0) - 1.0;
+  return max(1.0 - (lobes.gloss0 * share.x + lobes.gloss90 * share.y) * (1.0 + lobes.gloss0 * lost), 0.0);
+}
+
 Seen see(Lobes lobes, vec3 v, vec3 plain, vec3 n) {
   Seen s;
   s.lobes = lobes;
@@ -100,8 +107,8 @@ Seen see(Lobes lobes, vec3 v, vec3 plain, vec3 n) {
   s.alpha = max(lobes.roughness * lobes.roughness, 1e-3);
   vec2 share = lobeShares(s.nv, lobes.roughness);
   float lost = 1.0 / clamp(share.x + share.y, 0.1, 1.0) - 1.0;
-  float gloss = (lobes.gloss0 * share.x + lobes.gloss90 * share.y) * (1.0 + lobes.gloss0 * lost);
-  s.under = max(1.0 - gloss, 0.0);
+  s.under = leave(lobes, share);
+  s.even = max(leave(lobes, lobeShares(0.47 + 0.08 * lobes.roughness, lobes.roughness)), 1e-3);
   s.boost = 1.0 + lobes.f0 * lost;
   s.mirrored = (lobes.f0 * share.x + lobes.f90 * share.y) * s.boost;
   return s;
@@ -119,7 +126,8 @@ vec3 reflected(Seen s, vec3 to, float nl, float wide) {
   float d = dot(across, across) + alpha2 * nh * nh, near = max(nl, 1e-3);
   float visible = 0.5 / (near * stretch(s.nv, alpha2) + s.nv * stretch(near, alpha2));
   vec3 f = s.lobes.f0 + (s.lobes.f90 - s.lobes.f0) * schlick(dot(s.v, h));
-  return s.lobes.diffuse * s.under + f * s.boost * (visible * alpha2 / max(d * d, 1e-13));
+  float left = leave(s.lobes, lobeShares(min(near, 1.0), s.lobes.roughness)) / s.even;
+  return s.lobes.diffuse * (s.under * left) + f * s.boost * (visible * alpha2 / max(d * d, 1e-13));
 }
 
 #ifdef ENVIRONMENT
