@@ -28,7 +28,7 @@
 /* Whether what a scene says of gloss and relief is kept. */
 #define LW_IMPORT_SPAWN_MATERIALS "full|matt"
 #define LW_IMPORT_SPAWN_MATERIALS_HELP                                                                       \
-    "full: surfaces have the gloss, normal maps and occlusion of the file; matt: none of them "              \
+    "full: surfaces have the gloss and normal maps of the file; matt: none of them "                         \
     "(default {})"
 enum lw_import_spawn_materials { LW_IMPORT_SPAWN_FULL, LW_IMPORT_SPAWN_MATT };
 

@@ -1,4 +1,4 @@
-/* What glTF materials say of gloss, relief and occlusion, by scenes that are made here: one square, one
+/* What glTF materials say of gloss and relief, by scenes that are made here: one square, one
  * material, pictures of a few texels. */
 #include "tests/support/glb.h"
 #include "tests/support/support.h"
@@ -141,7 +141,7 @@ static void matt_materials_have_no_finish(void **state) {
          "unlit':{}}",
          false},
         {"'pbrMetallicRoughness':{'metallicFactor':0},'normalTexture':{'index':2,'scale':0},"
-         "'occlusionTexture':{'index':1,'strength':0}",
+         "'occlusionTexture':{'index':1}",
          false},
     };
     lw_log_init("test", LW_LOG_INFO);
@@ -217,23 +217,24 @@ static void specular_glossiness_is_exact(void **state) {
     lw_scene_destroy(scene);
 }
 
-static void one_picture_of_three_things_is_one_texture(void **state) {
+static void one_picture_of_two_things_is_one_memory(void **state) {
     (void)state;
     struct lw_scene *scene = scene_of_material("'pbrMetallicRoughness':{'baseColorTexture':{'index':1},"
                                                "'metallicRoughnessTexture':{'index':1}},"
                                                "'occlusionTexture':{'index':1,'strength':0.5}");
+    /* occlusion is not read: light is traced */
     const struct lw_finish *f = scene->material[0].finish;
     assert_int_equal(scene->finish_texture_count, 1);
-    assert_int_equal(f->surface_texture.texture, f->occlusion_texture.texture);
-    assert_float_equal(f->occlusion, 0.5, 0);
+    assert_int_equal(f->occlusion_texture.texture, LW_SCENE_NONE);
+    assert_float_equal(f->occlusion, 0, 0);
     /* and its memory is that of the base colour */
     assert_ptr_equal(scene->finish_texture[0].rgba, scene->texture[0].rgba);
     assert_int_equal(scene->finish_texture[0].content, LW_CONTENT_SURFACE);
     lw_scene_destroy(scene);
-    /* one that repeats otherwise is another; alpha is no part of a surface, but of a colour */
+    /* alpha is no part of a surface, but of a colour */
     scene = scene_of_material("'pbrMetallicRoughness':{'baseColorTexture':{'index':0},"
                               "'metallicRoughnessTexture':{'index':0}},'occlusionTexture':{'index':4}");
-    assert_int_equal(scene->finish_texture_count, 2);
+    assert_int_equal(scene->finish_texture_count, 1);
     assert_int_equal(scene->texture[0].rgba[7], 51);
     assert_int_equal(scene->finish_texture[0].rgba[7], 255);
     assert_int_equal(scene->finish_texture[0].rgba[5], 40);
@@ -339,8 +340,6 @@ static void bad_values_are_reported_and_mended(void **state) {
          "\"paint: ior 0.5\"", 0, 0.5f, 2},
         {PBR("'metallicFactor':0,'roughnessFactor':0.5") ",'extensions':{'KHR_materials_ior':{'ior':-3}}",
          "\"paint: ior -3\"", 0, 0.5f, 1.5f},
-        {PBR("'metallicFactor':0,'roughnessFactor':0.5") ",'occlusionTexture':{'index':1,'strength':9}",
-         "\"paint: strength 9\"", 0, 0.5f, 1.5f},
         /* a metal without its picture would be rough and everywhere: matt */
         {PBR("'metallicRoughnessTexture':{'index':3}") ",'normalTexture':{'index':2}", "images[3]", 0, 1,
          1.5f},
@@ -448,7 +447,7 @@ int main(void) {
         cmocka_unit_test(matt_materials_have_no_finish),
         cmocka_unit_test(factors_become_those_of_the_finish),
         cmocka_unit_test(specular_glossiness_is_exact),
-        cmocka_unit_test(one_picture_of_three_things_is_one_texture),
+        cmocka_unit_test(one_picture_of_two_things_is_one_memory),
         cmocka_unit_test(specular_textures_become_one),
         cmocka_unit_test(normal_maps_keep_their_place_and_scale),
         cmocka_unit_test(tangents_of_the_file_count),

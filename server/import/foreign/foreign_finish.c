@@ -19,7 +19,7 @@ struct reader {
 };
 
 size_t lw_foreign_finish_textures_max(size_t materials) {
-    const size_t most = 3 * materials; /* surface, occlusion, normals */
+    const size_t most = 2 * materials; /* surface, normals */
     return most < LW_SCENE_TEXTURES_MAX ? most : LW_SCENE_TEXTURES_MAX;
 }
 
@@ -191,7 +191,7 @@ static void read_mirror(struct reader *r) {
     r->finish.roughness = exponent >= 0 ? sqrtf(sqrtf(2 / (exponent + 2))) : 0;
 }
 
-/* ---- relief and occlusion ---- */
+/* ---- relief ---- */
 
 /* The normals of a picture, in its own memory if nothing else is made of it. */
 static enum lw_status make_normals(struct reader *r, uint32_t from, uint32_t *out, struct lw_error *err) {
@@ -239,26 +239,6 @@ static enum lw_status read_relief(struct reader *r, struct lw_error *err) {
     return use(r, made, &look->relief_map, LW_CONTENT_NORMAL, &r->finish.normal_texture, err);
 }
 
-static enum lw_status read_occlusion(struct reader *r, struct lw_error *err) {
-    const struct lw_foreign_map *map = &r->look->occlusion_map;
-    uint32_t from, made;
-    bool lost;
-    char *key = NULL;
-    uint8_t *rgba;
-    if (find(r, map, &from, &lost, err) || from == LW_SCENE_NONE) return err->status;
-    const struct lw_foreign_picture *picture = &r->pictures->picture[from];
-    const size_t texels = (size_t)picture->width * picture->height;
-    if (asprintf(&key, "occlusion\n%s", picture->key) < 0) return no_memory(err);
-    if (!make(r, key, picture->width, picture->height, &made, &rgba, err) && rgba) {
-        memcpy(rgba, r->pictures->picture[from].rgba, 4 * texels);
-        lw_finish_texels_cover(rgba, texels);
-    }
-    free(key);
-    if (err->status) return err->status;
-    r->finish.occlusion = 1;
-    return use(r, made, map, LW_CONTENT_SURFACE, &r->finish.occlusion_texture, err);
-}
-
 /* ---- the whole ---- */
 
 enum lw_status lw_foreign_finish_read(struct lw_foreign_finish *finish, const struct lw_foreign_look *look,
@@ -280,10 +260,8 @@ enum lw_status lw_foreign_finish_read(struct lw_foreign_finish *finish, const st
         read_mirror(&r);
     else if (lw_foreign_finish_is_said(look) && read_gloss(&r, err))
         return err->status;
-    if (read_relief(&r, err) || read_occlusion(&r, err)) return err->status;
-    if (r.finish.metalness == 0 && r.finish.specular == 0 &&
-        r.finish.normal_texture.texture == LW_SCENE_NONE &&
-        r.finish.occlusion_texture.texture == LW_SCENE_NONE)
+    if (read_relief(&r, err)) return err->status;
+    if (r.finish.metalness == 0 && r.finish.specular == 0 && r.finish.normal_texture.texture == LW_SCENE_NONE)
         return LW_OK;
     struct lw_finish *own = lw_scene_alloc(finish->pictures->import->scene, 1, sizeof *own);
     if (!own) return no_memory(err);

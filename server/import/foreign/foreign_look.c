@@ -107,7 +107,6 @@ static enum lw_status read_gloss(const struct aiMaterial *ai, struct lw_foreign_
     if (out->relief == 0) out->relief = 1; /* a factor left at 0 is no wish to hide the map */
     if (read_map(ai, aiTextureType_METALNESS, &out->metalness_map, err) ||
         read_map(ai, aiTextureType_DIFFUSE_ROUGHNESS, &out->roughness_map, err) ||
-        read_map(ai, aiTextureType_AMBIENT_OCCLUSION, &out->occlusion_map, err) ||
         read_either(ai, aiTextureType_NORMALS, aiTextureType_NORMAL_CAMERA, &out->relief_map, err))
         return err->status;
     return out->relief_map.there ? LW_OK : read_map(ai, aiTextureType_HEIGHT, &out->relief_map, err);
@@ -210,7 +209,6 @@ enum lw_status lw_foreign_look_read(const struct lw_foreign_import *import, unsi
                                     .opacity_map = no_map,
                                     .metalness_map = no_map,
                                     .roughness_map = no_map,
-                                    .occlusion_map = no_map,
                                     .relief_map = no_map};
     if (import->desc->format != LW_SCENE_FORMAT_OBJ) return read_assimp(import, ai, out, err);
     read_obj(import, ai, out);

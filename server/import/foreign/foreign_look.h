@@ -32,7 +32,7 @@ struct lw_foreign_look {
     bool has_metalness, has_roughness;
     float metalness, roughness; /* as the file has them */
     float exponent;             /* for Phong's highlight; below 0: not said */
-    struct lw_foreign_map metalness_map, roughness_map, occlusion_map, relief_map;
+    struct lw_foreign_map metalness_map, roughness_map, relief_map;
     float relief;   /* factor of the heights, or of the slopes of normals */
     bool is_normal; /* the relief map is of normals; else the picture decides */
 };

@@ -223,8 +223,7 @@ static enum lw_status add_mesh(struct lw_foreign_meshes *meshes, const struct ai
 static void warn_about_uv(struct lw_foreign_meshes *meshes, const struct lw_material *material) {
     const struct lw_finish *f = material->finish;
     const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture,
-                                           f ? &f->surface_texture : NULL, f ? &f->occlusion_texture : NULL,
-                                           f ? &f->normal_texture : NULL};
+                                           f ? &f->surface_texture : NULL, f ? &f->normal_texture : NULL};
     for (size_t i = 0; i < sizeof uses / sizeof *uses; i++)
         if (uses[i] && uses[i]->texture != LW_SCENE_NONE && !meshes->builder.has_uv[uses[i]->uv_set])
             lw_foreign_import_warn(meshes->materials->import, LW_FOREIGN_WARN_UV_MISSING);

@@ -10,7 +10,7 @@
 
 struct lw_gltf_options {
     uint64_t picture_texels; /* of all images together at most; 0: LW_IMAGE_FILE_TEXELS */
-    bool matt;               /* no finishes: gloss, relief and occlusion are not read */
+    bool matt;               /* no finishes: gloss and relief are not read */
 };
 
 /** Reads a file and the buffers and images it names, which must lie in its folder or below.

@@ -316,34 +316,21 @@ static enum lw_status read_gloss(struct reader *r, const json_t *object, struct 
 
 static enum lw_status read_relief(struct reader *r, const json_t *object, struct lw_error *err) {
     struct lw_finish *f = &r->finish;
-    const json_t *normal = NULL, *occlusion = NULL;
+    const json_t *normal = NULL;
     bool lost;
-    f->occlusion = 1;
-    if (lw_gltf_json_object(object, "normalTexture", &normal, err) ||
-        lw_gltf_json_object(object, "occlusionTexture", &occlusion, err))
-        return err->status;
+    if (lw_gltf_json_object(object, "normalTexture", &normal, err)) return err->status;
     if (normal && lw_gltf_json_real(normal, "scale", -(double)LW_SCENE_RADIANCE_MAX,
                                     (double)LW_SCENE_RADIANCE_MAX, &f->normal_scale, err)) {
         lw_status_context(err, "normalTexture");
         return err->status;
     }
-    if (occlusion && read_share(r, occlusion, "strength", &f->occlusion, err)) {
-        lw_status_context(err, "occlusionTexture");
-        return err->status;
-    }
-    if ((f->normal_scale != 0 &&
-         lw_gltf_textures_use_finish(r->textures, object, "normalTexture", LW_CONTENT_NORMAL,
-                                     &f->normal_texture, &lost, err)) ||
-        (f->occlusion > 0 &&
-         lw_gltf_textures_use_finish(r->textures, object, "occlusionTexture", LW_CONTENT_SURFACE,
-                                     &f->occlusion_texture, &lost, err)))
-        return err->status;
-    return LW_OK;
+    if (f->normal_scale == 0) return LW_OK;
+    return lw_gltf_textures_use_finish(r->textures, object, "normalTexture", LW_CONTENT_NORMAL,
+                                       &f->normal_texture, &lost, err);
 }
 
 static bool is_even(const struct lw_finish *f) {
-    return f->metalness == 0 && f->specular == 0 && f->normal_texture.texture == LW_SCENE_NONE &&
-           f->occlusion_texture.texture == LW_SCENE_NONE;
+    return f->metalness == 0 && f->specular == 0 && f->normal_texture.texture == LW_SCENE_NONE;
 }
 
 enum lw_status lw_gltf_finishes_read(struct lw_gltf_finishes *finishes, const json_t *object,

@@ -1,4 +1,4 @@
-/* gltf_finish.h: what a glTF material says of gloss, relief and occlusion, as a finish.
+/* gltf_finish.h: what a glTF material says of gloss and relief, as a finish.
  * Threads: one set belongs to one document.
  *
  * docs/importing_finish.md says which materials stay matt, and how each field is read. */

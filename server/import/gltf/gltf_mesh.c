@@ -111,9 +111,9 @@ static void warn_about(struct lw_gltf_meshes *meshes, const struct primitive *p)
     struct lw_gltf_document *document = meshes->materials->document;
     const struct lw_material *material = &meshes->materials->scene->material[p->material];
     const struct lw_finish *f = material->finish;
-    const struct lw_texture_use *uses[] = {&material->base_colour_texture,   &material->emission_texture,
-                                           f ? &f->surface_texture : NULL,   f ? &f->specular_texture : NULL,
-                                           f ? &f->occlusion_texture : NULL, f ? &f->normal_texture : NULL};
+    const struct lw_texture_use *uses[] = {&material->base_colour_texture, &material->emission_texture,
+                                           f ? &f->surface_texture : NULL, f ? &f->specular_texture : NULL,
+                                           f ? &f->normal_texture : NULL};
     for (size_t i = 0; i < sizeof uses / sizeof *uses; i++)
         if (uses[i] && uses[i]->texture != LW_SCENE_NONE && !p->uv[uses[i]->uv_set].count)
             lw_gltf_document_warn(document, LW_GLTF_WARN_UV_MISSING);
