@@ -517,7 +517,8 @@ const char lw_gl_shaders_scene_fragment[] =
     "float stretch(float cosine, float a2) { return sqrt(a2 + (1.0 - a2) * cosine * cosine); }\n"
     /* Radiance that is mirrored of E. to: unit. wide: half the lamp's radius over its distance. */
     "vec3 lobe(vec3 to, float wide) {\n"
-    "    float a2 = min(f_alpha * f_alpha + f_spread + wide * wide, 1.0);\n"
+    "    float own = f_alpha * f_alpha, spread = f_spread * f_spread / (f_spread + own);\n"
+    "    float a2 = min(own + spread + wide * wide, 1.0);\n"
     "    float come = clamp(dot(f_normal, to), 1e-3, 1.0);\n"
     "    vec3 h = to + f_eye;\n"
     "    h *= inversesqrt(dot(h, h) + 1e-12);\n"

@@ -271,6 +271,18 @@ static void test_spread(void **state) {
     const struct lw_points16 points = {.x = {0}};
     lw_gloss_lamp16(&seen, &points, &(struct lw_gloss_lamp){.at = {0, 0, 1}, .is_sun = true}, &lit);
     assert_true(lit.dv[0] < 0.001f * lit.dv[8] && lit.dv[0] > 0 && lit.dv[12] < 0.001f * lit.dv[8]);
+    /* Each of 16 samples stands for a 16th. A lobe of alpha 0.49 hides small differences. */
+    struct lw_gloss_seen16 sharper, rough;
+    g.samples = 16;
+    lw_gloss_see16(&g, &sharper);
+    g.samples = 1;
+    for (unsigned i = 0; i < WIDTH; i++) g.roughness[i] = 0.7f;
+    lw_gloss_see16(&g, &rough);
+    for (unsigned i = 0; i < WIDTH; i++) {
+        const float s = seen.spread[i];
+        assert_float_equal(sharper.spread[i], s / 16, 0.01f * s);
+        assert_float_equal(rough.spread[i], s * s / (s + 0.49f * 0.49f), 0.01f * s);
+    }
 }
 
 static uint32_t g_random = 1;

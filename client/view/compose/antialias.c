@@ -66,6 +66,7 @@ void lw_antialias_render(struct lw_antialias *a, struct lw_compose *compose,
         struct lw_compose_report report;
         lw_antialias_offset(k, samples, &one.offset_x, &one.offset_y);
         one.sample = view->sample + k;
+        one.samples = samples;
         float *rgb = k == 0 ? out_rgb : a->sample;
         lw_compose_render(compose, source, pose, &one, rgb, &report);
         if (k == 0)
@@ -128,6 +129,7 @@ void lw_antialias_refine(struct lw_antialias *a, struct lw_compose *compose,
         struct lw_compose_view one = *view;
         lw_antialias_offset(k, samples, &one.offset_x, &one.offset_y);
         one.sample = view->sample + 1 + k;
+        one.samples = samples + 1;
         lw_compose_render_more(compose, &one, a->edge, a->edge_count, a->sample);
         const float factor = k + 1 == samples ? scale : 1;
         for (size_t i = 0; i < a->edge_count; i++)

@@ -241,6 +241,7 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
     compose->tile_colour = view->tile_colour;
     begin(compose, source, pose);
     compose->mirrors = mirrors(compose, view);
+    compose->samples = view->samples;
     memset(compose->shown, 0, compose->map->tile_count * sizeof *compose->shown);
     compose->pixel_count = (uint64_t)view->width * view->height;
     if (compose->direct) begin_direct(compose, view->sample);
@@ -253,6 +254,7 @@ void lw_compose_render(struct lw_compose *compose, const struct lw_compose_sourc
 void lw_compose_render_more(struct lw_compose *compose, const struct lw_compose_view *view,
                             const uint32_t *pixel, size_t pixel_count, float *out_rgb) {
     const struct lw_camera_plane plane = lw_camera_plane(&view->camera, view->width, view->height);
+    compose->samples = view->samples;
     if (compose->direct) begin_direct(compose, view->sample);
     lw_compose_render_list(compose, view, &plane, pixel, pixel_count, out_rgb);
 }

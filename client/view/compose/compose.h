@@ -56,6 +56,7 @@ struct lw_compose_view {
     uint32_t width, height;   /* pixels */
     float offset_x, offset_y; /* where in the pixel its ray goes, from the centre; pixels */
     uint32_t sample;          /* index among the pictures that are averaged; shadow rays differ by it */
+    uint32_t samples;         /* how many these are; 0: one. The more, the sharper are highlights of bumps */
     enum lw_show show;        /* LW_SHOW_ALL: the light */
     bool mirrors; /* smooth surfaces mirror the room by a ray each (mirror.h); LW_SHOW_ALL alone */
     const struct lw_vec3 *tile_colour; /* per tile, where lw_show_is_of_tiles() */

@@ -137,6 +137,7 @@ void lw_compose_finish_shade(const struct lw_compose *compose, struct lw_compose
     float out[3][LW_TRACE_WIDTH], kept[LW_TRACE_WIDTH];
     read_finishes(compose, p, look, f);
     f->gloss.quads = p->listed ? 0 : find_quads(look, f->lanes);
+    f->gloss.samples = (float)compose->samples;
     lw_gloss_see16(&f->gloss, &f->seen);
     if (compose->show == LW_SHOW_IRRADIANCE) lw_gloss_take_off(&f->seen);
     choose_mirrors(compose, p, f, kept);

@@ -116,6 +116,7 @@ struct lw_compose {
     const struct lw_pose *pose;
     bool finishes;       /* pixels of finished surfaces are worked out by their finish */
     bool mirrors;        /* and smooth ones mirror the room */
+    uint32_t samples;    /* a pixel has that many; 0: one */
     bool has_directions; /* some light has a direction */
     struct lw_vec3 sky;
     struct lw_vec3 stand_in; /* irradiance where nothing at all has arrived */

@@ -161,15 +161,19 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
         }
 }
 
-/* Difference of neighbours in a quad. Thin objects and edges have none. */
-LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], unsigned quads, float *restrict out) {
+/* Difference s of neighbours in a quad, over the samples of a pixel. Thin objects and edges have none. A lobe
+ * that is wider than that shows no glints: s is lowered to s s / (s + alpha^2). */
+static void spread_all(const float (*restrict normal)[WIDTH], const float *restrict alpha, unsigned quads,
+                       float samples, float *restrict out) {
+    const float share = 1 / most(samples, 1);
     for (unsigned i = 0; i < WIDTH; i++) {
         float sum = 0;
         for (unsigned c = 0; c < 3; c++) {
             const float across = normal[c][i] - normal[c][i ^ 1u], down = normal[c][i] - normal[c][i ^ 4u];
             sum += across * across + down * down;
         }
-        out[i] = quads >> i & 1u ? least(0.5f * sum, SPREAD_MAX) : SPREAD_ALONE;
+        const float s = share * (quads >> i & 1u ? least(0.5f * sum, SPREAD_MAX) : SPREAD_ALONE);
+        out[i] = s * s / (s + alpha[i] * alpha[i]);
     }
 }
 
@@ -177,8 +181,8 @@ void lw_gloss_see16(const struct lw_gloss16 *gloss, struct lw_gloss_seen16 *out)
     float a[WIDTH], b[WIDTH];
     bump_all(gloss, out->normal);
     bend_all(gloss, out);
-    spread_all((const float(*)[WIDTH])out->normal, gloss->quads, out->spread);
     read_all(gloss, out);
+    spread_all((const float(*)[WIDTH])out->normal, out->alpha, gloss->quads, gloss->samples, out->spread);
     look_up(lw_lobe_table_packed(), out->cosine, out->roughness, a, b);
     weigh_all(gloss, a, b, out);
     leave_even(out);

@@ -20,7 +20,9 @@
  * tracers have the exact form (lobes.h), whose lobes are reciprocal.
  *
  * After: Karis 2013 (the split sum); Turquin 2019 (boost); Tokuyoshi and Kaplanyan 2019 (a lamp's lobe is as
- * much wider as normals differ between neighbouring pixels, so that no pixel glints by chance). */
+ * much wider as normals differ between neighbouring pixels, so that no pixel glints by chance. With n samples
+ * a pixel it is an n-th of that: they find the rest. Rough lobes hide such differences, and are widened less:
+ * wide ones show metal cloth in the sun too bright). */
 #ifndef LW_CLIENT_VIEW_SHADING_GLOSS_H
 #define LW_CLIENT_VIEW_SHADING_GLOSS_H
 
@@ -53,6 +55,7 @@ struct lw_gloss16 {
     float tangent[3][LW_GLOSS_WIDTH], turn[LW_GLOSS_WIDTH], side[LW_GLOSS_WIDTH];
     float to_eye[3][LW_GLOSS_WIDTH]; /* any length but 0 */
     uint16_t quads;                  /* lanes that are pixels of a quad of 4 x 4 pixels, all of one surface */
+    float samples;                   /* a pixel has that many; 0: one */
 };
 
 /** Their shares of reflection towards the eye, for any light. Finite for finite input, even a hostile one. */
@@ -61,7 +64,7 @@ struct lw_gloss_seen16 {
         64) float normal[3][LW_GLOSS_WIDTH]; /* bumped: the eye and the mirrored direction lie above it */
     float eye[3][LW_GLOSS_WIDTH];            /* unit */
     float cosine[LW_GLOSS_WIDTH], alpha[LW_GLOSS_WIDTH];
-    float spread[LW_GLOSS_WIDTH]; /* the normals' within the pixel, alpha^2; widens the lobes of lamps */
+    float spread[LW_GLOSS_WIDTH]; /* the normals' within a sample's share, alpha^2; widens lobes of lamps */
     float roughness[LW_GLOSS_WIDTH], metalness[LW_GLOSS_WIDTH], open[LW_GLOSS_WIDTH]; /* 1: not occluded */
     float diffuse[3][LW_GLOSS_WIDTH];                        /* with what the gloss leaves of it */
     float mirror[3][LW_GLOSS_WIDTH], rim[3][LW_GLOSS_WIDTH]; /* F boost = mirror + rim (1 - cos)^5 */

@@ -122,7 +122,8 @@ vec3 reflected(Seen s, vec3 to, float nl, float wide) {
   vec3 h = s.v + to;
   h *= inversesqrt(max(dot(h, h), 1e-9));
   vec3 across = cross(s.n, h);
-  float nh = dot(s.n, h), alpha2 = min(s.alpha * s.alpha + s.spread + 0.25 * wide * wide, 1.0);
+  float nh = dot(s.n, h), own = s.alpha * s.alpha, spread = s.spread * s.spread / (s.spread + own);
+  float alpha2 = min(own + spread + 0.25 * wide * wide, 1.0);
   float d = dot(across, across) + alpha2 * nh * nh, near = max(nl, 1e-3);
   float visible = 0.5 / (near * stretch(s.nv, alpha2) + s.nv * stretch(near, alpha2));
   vec3 f = s.lobes.f0 + (s.lobes.f90 - s.lobes.f0) * schlick(dot(s.v, h));
