@@ -668,7 +668,8 @@ const char lw_gl_shaders_scene_fragment[] =
     "        float bright = e;\n"
     "#ifdef FINISH\n"
     "        vec3 shine = lobe(to / far, 0.5 * colour.w / far);\n"
-    "        if (dot(n, to) <= (sun ? 0.0 : -colour.w)) e = 0.0;\n"
+    /* the share of the lamp above the plain surface; shadow maps do not know it */
+    "        e *= clamp(0.5 + 0.5 * dot(n, to) / max(colour.w, 1e-6), 0.0, 1.0);\n"
     "        bright = e * (1.0 + 3.14159265358979 * dot(shine, vec3(0.2126, 0.7152, 0.0722)));\n"
     "#endif\n"
     "        int seek = bright * dot(colour.rgb, vec3(0.2126, 0.7152, 0.0722)) > u_faint ? SOUGHT : 0;\n"

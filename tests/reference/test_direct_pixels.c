@@ -10,6 +10,7 @@
 #include "common/builtin/builtin.h"
 #include "common/light/direction.h"
 #include "common/lightmap/lightmap.h"
+#include "common/shading/tangent.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -385,6 +386,48 @@ static void set_up_squares(struct world *w, uint32_t count, float intensity) {
     w->view.camera = lw_camera_look_at(lw_vec3(4, 5, 8), lw_vec3(4, 0, 0), 1);
 }
 
+/* Tilts the normals of all squares by 30 degrees towards +x, by a map of one texel. */
+static void tilt_squares(struct lw_scene *scene) {
+    static uint8_t texel[4] = {191, 128, 238, 255};
+    struct lw_texture *map = lw_scene_alloc(scene, 1, sizeof *map);
+    assert_non_null(map);
+    *map = (struct lw_texture){.name = "", .width = 1, .height = 1, .content = LW_CONTENT_NORMAL};
+    map->rgba = memcpy(lw_scene_alloc(scene, 1, sizeof texel), texel, sizeof texel);
+    scene->finish_texture = map, scene->finish_texture_count = 1;
+    for (uint32_t m = 0; m < scene->material_count; m++)
+        lw_support_finish(scene, m, 0, 0.8f)->normal_texture =
+            (struct lw_texture_use){0, 0, {1, 0, 0, 0, 1, 0}};
+    for (uint32_t m = 0; m < scene->mesh_count; m++) {
+        struct lw_mesh *mesh = &scene->mesh[m];
+        uint16_t *tangent = lw_scene_alloc(scene, 3ul * mesh->triangle_count, sizeof *tangent);
+        assert_non_null(tangent);
+        for (uint32_t c = 0; c < 3 * mesh->triangle_count; c++)
+            tangent[c] =
+                lw_tangent_encode(mesh->normal[mesh->triangle[c / 3][c % 3]], lw_vec3(1, 0, 0), false);
+        mesh->tangent = tangent;
+    }
+}
+
+/* A sun that half rises above a floor lights bumps by half: shadow rays to the rest meet the floor. */
+static void test_a_sun_on_the_horizon(void **state) {
+    (void)state;
+    struct world w;
+    struct lw_scene *scene = squares_with_lights(1, 1);
+    tilt_squares(scene);
+    struct lw_light *sun = (struct lw_light *)&scene->light[0];
+    struct lw_node *node = (struct lw_node *)&scene->node[sun->node];
+    sun->kind = LW_LIGHT_DIRECTIONAL, sun->angular_diameter = 0.05f;
+    memcpy(node->rotation, (float[]){0, sqrtf(0.5f), 0, sqrtf(0.5f)}, sizeof node->rotation);
+    set_up_scene(&w, scene, "auto");
+    w.view.camera = lw_camera_look_at(lw_vec3(4, 5, 8), lw_vec3(4, 0, 0), 1);
+    float *drawn = draw(&w, 16, 0), *reference = trace_reference(&w, 64);
+    const double is = mean_of(drawn), should = mean_of(reference);
+    if (!(should > 0 && fabs(is - should) < 0.1 * should)) fail_msg("%g, not %g", is, should);
+    free(reference);
+    free(drawn);
+    tear_down(&w);
+}
+
 /* Bounded cost: few of them have rays of their own; their light is all there. */
 static void test_a_thousand_lights(void **state) {
     (void)state;
@@ -451,6 +494,7 @@ int main(void) {
         cmocka_unit_test(test_threads_change_nothing),
         cmocka_unit_test(test_nothing_to_draw),
         cmocka_unit_test(test_nothing_is_remembered),
+        cmocka_unit_test(test_a_sun_on_the_horizon),
         cmocka_unit_test(test_a_thousand_lights),
         cmocka_unit_test(test_absurd_lights),
         cmocka_unit_test(test_absurd_emitters),

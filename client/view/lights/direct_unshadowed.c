@@ -78,8 +78,8 @@ static uint16_t light_finished(const struct lw_direct_pixels *d, uint32_t candid
     struct lw_points16 bumped;
     lw_direct_unshadowed_bump(block, &bumped);
     const uint32_t reached = lw_direct_unshadowed_points(d, candidate, &bumped, e);
-    const uint32_t above =
-        find_above(&block->points, lamp.at, lamp.is_sun ? 0 : 1, lamp.is_sun ? 0 : lamp.radius);
+    /* a part of the lamp is: shadow rays meet the surface itself where they go below it */
+    const uint32_t above = find_above(&block->points, lamp.at, lamp.is_sun ? 0 : 1, lamp.radius);
     lw_gloss_lamp16(&block->seen, &block->points, &lamp, lit);
     return (uint16_t)(reached & (above | ~(uint32_t)block->finished));
 }

@@ -249,7 +249,9 @@ vec3 directLight() {
       e *= far2 / max(far2, maps.z * maps.z);
     }
 #ifdef FINISH
-    if (!(e > 0.0 && dot(s.plain, to) > 0.0)) continue;
+    // the share of the lamp above the plain surface; shadow maps do not know it
+    e *= clamp(0.5 + 0.5 * dot(s.plain, to) / max(colour.w, 1e-6), 0.0, 1.0);
+    if (!(e > 0.0)) continue;
     vec3 sent = colour.rgb * (e * reflected(s, to / far, dot(lit, to) / far, colour.w / (sun ? 1.0 : far)));
     if (dot(sent, vec3(0.2126, 0.7152, 0.0722)) <= faint) continue;
 #else
