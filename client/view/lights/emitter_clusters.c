@@ -342,14 +342,13 @@ static void add_side(struct shine *shine, struct lw_vec3 n) {
  * for a panel. Returns the factor by which the mean over all places in the map is right (by Simpson's rule
  * for each cell: errors at the middle count by two thirds in each direction). */
 static float find_gain(const struct shine *shine) {
-    double between = 0, bilinear = 0;
+    double middle = 0, mean = 0;
     for (uint32_t k = 0; k < MAP * MAP; k++) {
         const float *at = &shine->step[k / MAP * (MAP + 1) + k % MAP];
-        const float mean = 0.25f * (at[0] + at[1] + at[MAP + 1] + at[MAP + 2]);
-        bilinear += (double)mean;
-        between += (double)(mean + 2.0f / 3 * (shine->middle[k] - mean));
+        middle += (double)shine->middle[k];
+        mean += 0.25 * (double)(at[0] + at[1] + at[MAP + 1] + at[MAP + 2]);
     }
-    return bilinear > 0 ? (float)(between / bilinear) : 1;
+    return mean > 0 ? (float)((1 + 2 * middle / mean) / 3) : 1;
 }
 
 static void fill_map(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {

@@ -50,21 +50,18 @@ const STEPS = MAP_SIDE - 1;
 
 /** The direction of a place in the map, in steps. */
 const direction = (column: number, row: number) => {
-  const a = (2 * column) / STEPS - 1;
-  const b = (2 * row) / STEPS - 1;
-  const z = 1 - Math.abs(a) - Math.abs(b);
-  const folded = z < 0;
-  const x = folded ? (1 - Math.abs(b)) * (a < 0 ? -1 : 1) : a;
-  const y = folded ? (1 - Math.abs(a)) * (b < 0 ? -1 : 1) : b;
+  let [x, y] = [column, row].map((at) => (2 * at) / STEPS - 1) as [number, number];
+  const z = 1 - Math.abs(x) - Math.abs(y);
+  if (z < 0) [x, y] = [(1 - Math.abs(y)) * (x < 0 ? -1 : 1), (1 - Math.abs(x)) * (y < 0 ? -1 : 1)];
   const length = Math.hypot(x, y, z);
   return [x / length, y / length, z / length] as const;
 };
 
 /** Of the values of the map, and of the middles of its cells. */
-const directions = Array.from({ length: DIRECTIONS }, (_, k) => direction(k % MAP_SIDE, Math.floor(k / MAP_SIDE)));
-const middles = Array.from({ length: STEPS * STEPS }, (_, k) =>
-  direction((k % STEPS) + 0.5, Math.floor(k / STEPS) + 0.5),
-);
+const grid = (side: number, first: number) =>
+  Array.from({ length: side * side }, (_, k) => direction((k % side) + first, Math.floor(k / side) + first));
+const directions = grid(MAP_SIDE, 0);
+const middles = grid(STEPS, 0.5);
 
 /** Of the emitters that share a key, or are joined by one, the first is the root. */
 class Forest {
@@ -308,9 +305,14 @@ export class Clusters {
     const shine = (d: readonly number[]) =>
       sides.reduce((all, side) => all + side.power * Math.max(0, dot(side.normal, d)), 0);
     directions.forEach((d, k) => (open[k] = shine(d)));
-    const gain = gainOf(open, middles.map(shine));
-    open.forEach((x, k) => (open[k] = x * gain));
-    shapes.set(open);
+    // Between its values a map has their means, which are less than a curved intensity has there. The mean
+    // over all places is right by Simpson's rule in each cell, as in emitter_clusters.c.
+    let [between, mean] = [0, 0];
+    middles.forEach((d, k) => {
+      between += shine(d);
+      for (const i of [0, 1, MAP_SIDE, MAP_SIDE + 1]) mean += open[k + Math.floor(k / STEPS) + i]! / 4;
+    });
+    directions.forEach((_, k) => (shapes[k] = open[k]! *= (1 + (2 * between) / (mean || 1)) / 3));
     const all = luminance(sum);
     const cluster: Cluster = {
       centre,
@@ -390,19 +392,6 @@ export class Clusters {
     });
     return out;
   }
-}
-
-/** The factor by which the mean of a map between its values is right: they are means of values, below what a
- * curved intensity has there. By Simpson's rule in each cell, as emitter_clusters.c. */
-function gainOf(values: Float32Array, middle: number[]): number {
-  let [between, bilinear] = [0, 0];
-  middle.forEach((x, k) => {
-    const at = Math.floor(k / STEPS) * MAP_SIDE + (k % STEPS);
-    const mean = (values[at]! + values[at + 1]! + values[at + MAP_SIDE]! + values[at + MAP_SIDE + 1]!) / 4;
-    bilinear += mean;
-    between += mean + (2 / 3) * (x - mean);
-  });
-  return bilinear > 0 ? between / bilinear : 1;
 }
 
 /** The share of light that passes triangles along a ray (Möller and Trumbore 1997). */
