@@ -3,7 +3,6 @@
 #include "common/base/clock.h"
 #include "common/base/log.h"
 #include "common/scene/finish_package.h"
-#include "common/scene/package.h"
 #include "common/scene/scene_spares.h"
 #include "common/tile/tile_codec.h"
 #include "server/solve/coarse_first.h"
@@ -81,6 +80,8 @@ enum lw_status lw_daemon_read_scene(struct lw_daemon *d, struct lw_error *err) {
     if (status == LW_OK && lw_scene_has_finishes(d->scene))
         status = lw_finish_package_write(d->scene, &d->finishes, &d->finishes_size, err);
     if (status != LW_OK) return status;
+    lw_package_hash(d->package, d->package_size, &d->package_hash);
+    if (d->finishes) lw_package_hash(d->finishes, d->finishes_size, &d->finishes_hash);
     if ((status = lw_scene_state_init(&d->state, d->scene, s->freeze ? s->freeze_s : 0, s->freeze)) !=
             LW_OK ||
         (status = lw_pose_init(&d->pose, d->scene)) != LW_OK)
@@ -111,12 +112,17 @@ enum lw_status lw_daemon_solve_nothing(struct lw_daemon *d, struct lw_error *err
 }
 
 /* In hex; returns how many characters. */
-static int print_hash(char *dst, const void *bytes, size_t size) {
-    struct lw_package_hash hash;
+static int print_hash(char *dst, const struct lw_package_hash *hash) {
     int length = 0;
-    lw_package_hash(bytes, size, &hash);
-    for (size_t i = 0; i < sizeof hash.bytes; i++) length += snprintf(dst + length, 3, "%02x", hash.bytes[i]);
+    for (size_t i = 0; i < sizeof hash->bytes; i++)
+        length += snprintf(dst + length, 3, "%02x", hash->bytes[i]);
     return length;
+}
+
+static int print_hash_of(char *dst, const void *bytes, size_t size) {
+    struct lw_package_hash hash;
+    lw_package_hash(bytes, size, &hash);
+    return print_hash(dst, &hash);
 }
 
 /* Under a hash of all that decides which texels light reaches: the scene, when, and this very program.
@@ -127,7 +133,7 @@ static struct lw_saved_texels saved_texels(const struct lw_daemon *d) {
     struct lw_saved_texels saved = {.folder = s->cache};
     struct lw_package_hash hash;
     char text[256];
-    int length = print_hash(text, d->package, d->package_size);
+    int length = print_hash(text, &d->package_hash);
     length += snprintf(text + length, sizeof text - (size_t)length,
                        " " LW_VERSION " program %llu %llu freeze %d %a real %d",
                        (unsigned long long)program.size_bytes, (unsigned long long)program.modified_ns,
@@ -213,6 +219,7 @@ enum lw_status lw_daemon_create_server(struct lw_daemon *d, struct lw_server_soc
                                   .package_size = d->package_size,
                                   .finishes = d->finishes,
                                   .finishes_size = d->finishes_size,
+                                  .takes_packages = true,
                                   .bounces = (uint32_t)s->bounces,
                                   .channels =
                                       s->entry->channels & lw_tile_channels_held(false, d->has_directions),
@@ -227,7 +234,9 @@ enum lw_status lw_daemon_create_server(struct lw_daemon *d, struct lw_server_soc
                                   .hooks = d->hooks,
                                   .features = s->codec == LW_DAEMON_CODEC_DCT ? LW_FEATURE_DCT : 0};
     lw_serve_options_fill(&s->serve, &desc);
-    return lw_server_create(&desc, &d->server, err);
+    const enum lw_status status = lw_server_create(&desc, &d->server, err);
+    if (status == LW_OK) d->package = d->finishes = NULL;
+    return status;
 }
 
 /* ---- the light of the last run ---- */
@@ -239,11 +248,12 @@ static void make_key(const struct lw_daemon *d, uint8_t out_key[LW_SAVED_LIGHT_K
     struct lw_package_hash hash;
     char text[640];
     const char *groups = s->light_groups ? s->light_groups : "";
-    int length = print_hash(text, d->package, d->package_size);
-    if (d->finishes_size) length += print_hash(text + length, d->finishes, d->finishes_size);
-    length += print_hash(text + length, groups, strlen(groups));
-    length += print_hash(text + length, d->light_bits, lw_client_lights_bytes(d->scene->light_count));
-    length += print_hash(text + length, d->material_bits, lw_client_lights_bytes(d->scene->material_count));
+    int length = print_hash(text, &d->package_hash);
+    if (d->finishes_size) length += print_hash(text + length, &d->finishes_hash);
+    length += print_hash_of(text + length, groups, strlen(groups));
+    length += print_hash_of(text + length, d->light_bits, lw_client_lights_bytes(d->scene->light_count));
+    length +=
+        print_hash_of(text + length, d->material_bits, lw_client_lights_bytes(d->scene->material_count));
     length += snprintf(
         text + length, sizeof text - (size_t)length,
         " " LW_VERSION " solver %s bounces %lld samples %lld %lld seed %lld range %a cell %a probes %d %a "
@@ -257,11 +267,9 @@ static void make_key(const struct lw_daemon *d, uint8_t out_key[LW_SAVED_LIGHT_K
 
 /* Changes name objects, lights and materials by number, so the key is the package. */
 static enum lw_status restore_changes(struct lw_daemon *d, struct lw_error *err) {
-    struct lw_package_hash hash;
     size_t count;
-    lw_package_hash(d->package, d->package_size, &hash);
-    enum lw_status status =
-        lw_change_store_open(&d->change_store, d->settings.keep, hash.bytes, &d->restored, &count, err);
+    enum lw_status status = lw_change_store_open(&d->change_store, d->settings.keep, d->package_hash.bytes,
+                                                 &d->restored, &count, err);
     if (status != LW_OK) return status;
     d->restored_count = lw_server_begin_with_changes(d->server, d->restored, count);
     if (d->restored_count < count)

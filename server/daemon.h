@@ -7,6 +7,7 @@
 
 #include "common/base/waiting.h"
 #include "common/light/client_lights.h"
+#include "common/scene/package.h"
 #include "common/scene/scene_state.h"
 #include "server/daemon_memory.h"
 #include "server/daemon_metrics.h"
@@ -43,10 +44,10 @@ struct lw_daemon {
     struct lw_daemon_succession succession;
     struct lw_scene *scene;
     struct lw_scene_state state; /* the scene as updates left it: this is lit */
-    uint8_t *package;
-    size_t package_size;
-    uint8_t *finishes; /* finish package; NULL: all is matt */
-    size_t finishes_size;
+    uint8_t *package;            /* until the server takes it */
+    uint8_t *finishes;           /* the same of the finish package; NULL: all is matt */
+    size_t package_size, finishes_size;
+    struct lw_package_hash package_hash, finishes_hash;
     struct lw_atlas_map atlas_map;
     struct lw_pose pose;
     struct lw_light_groups light_groups;

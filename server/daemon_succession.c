@@ -23,17 +23,17 @@ static bool scene_may_have_changed(const struct lw_daemon *d) {
            !lw_file_stamp_equal(&environment_now, &d->environment_stamp);
 }
 
-static bool are_same_bytes(const uint8_t *a, size_t a_size, const uint8_t *b, size_t b_size) {
-    return a_size == b_size && (!a_size || memcmp(a, b, a_size) == 0);
+static bool have_same_packages(const struct lw_daemon *a, const struct lw_daemon *b) {
+    return a->package_size == b->package_size && a->finishes_size == b->finishes_size &&
+           memcmp(&a->package_hash, &b->package_hash, sizeof a->package_hash) == 0 &&
+           memcmp(&a->finishes_hash, &b->finishes_hash, sizeof a->finishes_hash) == 0;
 }
 
 static enum lw_status prepare_next(struct lw_daemon *d, bool *out_same, struct lw_error *err) {
     struct lw_daemon *next = d->succession.next;
     enum lw_status status = lw_daemon_read_scene(next, err);
     if (status != LW_OK) return status;
-    *out_same = d->succession.only_scene &&
-                are_same_bytes(next->package, next->package_size, d->package, d->package_size) &&
-                are_same_bytes(next->finishes, next->finishes_size, d->finishes, d->finishes_size);
+    *out_same = d->succession.only_scene && have_same_packages(next, d);
     if (*out_same) return LW_OK;
     status = lw_daemon_create_server(next, &d->succession.sockets, err);
     if (status == LW_OK) status = lw_daemon_set_up_solver(next, err);

@@ -62,10 +62,11 @@ struct lw_server_desc {
     uint16_t metrics_port;                /* 0: the system picks one */
     bool metrics_guarded;                 /* requires TLS and a token: Authorization: Bearer TOKEN */
     const struct lw_atlas_map *atlas_map; /* outlives the server */
-    const uint8_t *package;               /* outlives the server */
+    const uint8_t *package;               /* outlives the server, unless it takes it */
     size_t package_size;
-    const uint8_t *finishes; /* finish package for clients that ask; outlives the server. NULL: none */
+    const uint8_t *finishes; /* finish package for clients that ask; outlives it, too. NULL: none */
     size_t finishes_size;
+    bool takes_packages; /* both are malloc'ed: the server frees them as soon as they are compressed */
     const char *name;    /* for the welcome; outlives the server. NULL: lightwelld and its version */
     const char *servers; /* for the welcome over TCP: other servers of this light; outlives it. NULL: none */
     const char *web_servers; /* the same for pages: addresses of WebSockets, checked (serve_options.c) */

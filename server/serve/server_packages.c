@@ -160,13 +160,17 @@ static void compress_packages(void *user) {
     struct lw_server_packer *p = &server->packer;
     p->status = compress_package(&server->shared, p->package, p->package_size);
     if (p->status == LW_OK) p->status = compress_finishes(&server->shared, p->finishes, p->finishes_size);
+    if (!p->takes_packages) return;
+    free((void *)p->package);
+    free((void *)p->finishes);
 }
 
 void lw_server_packages_start(struct lw_server *server, const struct lw_server_desc *desc) {
     server->packer = (struct lw_server_packer){.package = desc->package,
                                                .package_size = desc->package_size,
                                                .finishes = desc->finishes,
-                                               .finishes_size = desc->finishes_size};
+                                               .finishes_size = desc->finishes_size,
+                                               .takes_packages = desc->takes_packages};
     server->packer.runs = uv_thread_create(&server->packer.thread, compress_packages, server) == 0;
     if (!server->packer.runs) compress_packages(server);
 }

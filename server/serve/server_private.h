@@ -42,6 +42,7 @@ struct lw_server_packer {
     enum lw_status status;
     const uint8_t *package, *finishes;
     size_t package_size, finishes_size;
+    bool takes_packages;
 };
 
 struct lw_server {

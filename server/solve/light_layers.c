@@ -451,17 +451,24 @@ static bool apply_pose(struct layers *s, const struct lw_pose *pose) {
     return reweighed;
 }
 
-/* Shows the first layer's light, without sums: a sum is compared with it to see whether it is another. */
+static void copy_part(float *to, const float *from, const struct lw_solve_tile *tile) {
+    memcpy(to + tile->first, from + tile->first, tile->width * tile->height * sizeof *to);
+}
+
+/* Shows the first layer's light, without sums: a sum is compared with it to see whether it is another. Room
+ * for finer tiles that are not there stays untouched, and takes no memory. */
 static void show_first(struct layers *s) {
     const struct lw_tiles *tiles = tiles_of(s->layer);
-    const size_t size = s->geometry.texels.capacity * sizeof(float);
-    for (int c = 0; c < 3; c++) {
-        memcpy(s->direct[c], tiles->direct[c], size);
-        memcpy(s->indirect[c], tiles->indirect[c], size);
+    for (uint32_t i = 0; i < tiles->count; i++) {
+        const struct lw_solve_tile *tile = &tiles->tile[i];
+        for (int c = 0; c < 3; c++) {
+            copy_part(s->direct[c], tiles->direct[c], tile);
+            copy_part(s->indirect[c], tiles->indirect[c], tile);
+        }
+        LW_TILE_CHANNELS_EACH (channel, tiles->channels)
+            for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
+                copy_part(s->shown[channel][p], tiles->shown[channel][p], tile);
     }
-    LW_TILE_CHANNELS_EACH (channel, tiles->channels)
-        for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
-            memcpy(s->shown[channel][p], tiles->shown[channel][p], size);
     for (uint32_t id = 0; id < s->desc.atlas_map->tile_count; id++)
         if (lw_tiles_have(tiles, (lw_tile_id){id}))
             s->solved_frame[id] = tile_of(s->layer, (lw_tile_id){id})->light.solved_frame;

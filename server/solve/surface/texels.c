@@ -663,11 +663,12 @@ enum lw_status lw_texels_init(struct lw_texels *texels, const struct lw_scene *s
     return LW_OK;
 }
 
-/* Returns false without memory: the array is then as it was. */
+/* Returns false without memory: the array is then as it was. calloc: what nobody writes takes no memory. */
 static bool grow(void *array, size_t from, size_t to, size_t size) {
-    void *grown = realloc(*(void **)array, (to + 1) * size);
+    void *grown = calloc(to + 1, size), *old = *(void **)array;
     if (!grown) return false;
-    memset((char *)grown + from * size, 0, (to + 1 - from) * size);
+    memcpy(grown, old, from * size);
+    free(old);
     *(void **)array = grown;
     return true;
 }
