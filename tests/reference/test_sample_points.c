@@ -286,6 +286,82 @@ static void test_a_ledge_before_a_wall_has_its_own_light(void **state) {
     }
 }
 
+/* Where the sample points of a texel lie, in object space, and their normals. */
+static void load_points(const struct lw_mesh_texels *mesh, uint32_t i, struct lw_sample_points_lanes *out) {
+    const struct lw_sample_points *points = &mesh->sample_points;
+    const uint32_t count = points->first[i + 1] - points->first[i];
+    uint32_t texel[LW_TRACE_WIDTH], place[LW_TRACE_WIDTH];
+    struct lw_sample_points_frame frame;
+    const struct lw_affine as_it_is = {.m = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}};
+    for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++) {
+        texel[lane] = i;
+        place[lane] = points->first[i] + (lane < count ? lane : 0);
+    }
+    lw_sample_points_frame_init(&frame, &as_it_is);
+    lw_sample_points_load(points, mesh->position, texel, place, out);
+    lw_sample_points_to_world(&frame, out);
+}
+
+static void test_the_table_of_spots(void **state) {
+    (void)state;
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_SPOTS; k++) {
+        const struct lw_vec2 spot = lw_sample_points_spot(k);
+        const uint32_t at = lw_sample_points_spot_128ths(k);
+        assert_true(spot.x * 128 == (float)(at & 0xffu) && spot.y * 128 == (float)(at >> 8));
+    }
+}
+
+/* A sloping floor is flat, but for texels whose middle lies off it: a byte a point, one plane for all. Its
+ * points are at their spots. */
+static void test_flat_texels_take_a_byte_a_point(void **state) {
+    (void)state;
+    struct room room = {.texels_per_metre = DENSITY};
+    const struct lw_vec3 across = lw_vec3(2, 0, 0), along = lw_vec3(0, 0.6f, -0.8f);
+    room_quad(&room, lw_vec3(-2, 1, 0), lw_vec3_scale(across, 2), lw_vec3_scale(along, 4), 0.5f, 0);
+    struct room_solution solution;
+    room_solve(&solution, &room, (struct lw_solver_desc){0}, 1);
+    struct lw_error err = {0};
+    struct lw_texels texels;
+    lw_support_ok(lw_texels_init(&texels, solution.scene, 1, NULL, NULL, &err), &err);
+    const struct lw_mesh_texels *mesh = &texels.mesh[0];
+    const struct lw_sample_points *points = &mesh->sample_points;
+    const struct lw_vec3 up = lw_vec3_normalize(lw_vec3_cross(across, along));
+    uint32_t covered = 0, flat = 0;
+    for (uint32_t i = 0; i < mesh->texel_count; i++) {
+        struct lw_sample_points_lanes lanes;
+        if (!mesh->covered[i]) continue;
+        covered++;
+        flat += (points->form[i] & LW_SAMPLE_POINTS_FLAT) != 0;
+        load_points(mesh, i, &lanes);
+        const uint32_t count = points->first[i + 1] - points->first[i];
+        struct lw_vec3 least = lw_vec3(1e9f, 1e9f, 1e9f), most = lw_vec3(-1e9f, -1e9f, -1e9f);
+        for (uint32_t k = 0; k < count; k++) {
+            const struct lw_vec3 p = lw_vec3(lanes.at.x[k], lanes.at.y[k], lanes.at.z[k]);
+            const float above = lw_vec3_dot(lw_vec3_sub(p, lw_vec3(-2, 1, 0)), up);
+            assert_true(above >= 0 && above < 1e-4f);
+            assert_true(lanes.at.nx[k] * up.x + lanes.at.ny[k] * up.y + lanes.at.nz[k] * up.z > 0.99999f);
+            assert_true(lanes.gx[k] * up.x + lanes.gy[k] * up.y + lanes.gz[k] * up.z > 0.999f);
+            assert_true(p.x > -2.0001f && p.x < 2.0001f);
+            for (int c = 0; c < 3; c++) {
+                (&least.x)[c] = fminf((&least.x)[c], (&p.x)[c]);
+                (&most.x)[c] = fmaxf((&most.x)[c], (&p.x)[c]);
+            }
+        }
+        /* the first eight points of a whole texel spread over 7/8 of it, about its middle */
+        if (count < LW_SAMPLE_POINTS_MAX || !(points->form[i] & LW_SAMPLE_POINTS_FLAT) ||
+            points->spot[points->first[i] + 7] != 7)
+            continue;
+        assert_float_equal(most.x - least.x, 0.875f / DENSITY, 2e-3f / DENSITY);
+        assert_float_equal((most.x + least.x) / 2, mesh->position[0][i], 2e-3f / DENSITY);
+        assert_float_equal((most.y + least.y) / 2, mesh->position[1][i], 2e-3f / DENSITY);
+    }
+    assert_true(flat >= 16 * DENSITY * DENSITY && flat <= covered);
+    assert_int_equal(points->plane_count, 1);
+    assert_true(points->packed_count <= LW_SAMPLE_POINTS_MAX * (covered - flat));
+    lw_texels_finish(&texels);
+    room_finish(&solution);
+}
+
 /* A strip a fifth of a texel wide has as many places as a whole texel, all of them on it. */
 static void test_a_strip_has_eight_places(void **state) {
     (void)state;
@@ -420,6 +496,8 @@ static void test_a_sheet_close_to_a_floor_shades_it(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_the_table_of_spots),
+        cmocka_unit_test(test_flat_texels_take_a_byte_a_point),
         cmocka_unit_test(test_a_strip_has_eight_places),
         cmocka_unit_test(test_a_strip_has_the_albedo_of_what_is_seen_of_it),
         cmocka_unit_test(test_the_end_of_a_bar_inside_another_is_not_its_light),

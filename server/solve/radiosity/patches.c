@@ -217,25 +217,24 @@ enum lw_status lw_patches_set_pose(struct lw_patches *patches, const struct lw_p
 
 static uint32_t point_near_middle(const struct lw_mesh_texels *mesh, uint32_t local, uint8_t usable) {
     const struct lw_sample_points *points = &mesh->sample_points;
-    const uint32_t first = points->first[local];
-    float at[LW_SAMPLE_POINTS_MAX][3], middle[3] = {0};
-    uint32_t best = 0;
+    const uint32_t first = points->first[local], count = (uint32_t)__builtin_popcount(usable);
+    uint32_t texel[LANES], point[LANES], best = 0;
+    struct lw_sample_points_lanes at;
+    struct lw_vec3 middle = {0};
     float nearest = INFINITY;
-    const uint32_t count = (uint32_t)__builtin_popcount(usable);
     LW_INVARIANT_DEAR(count > 0);
-    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
-        if (!(usable >> k & 1)) continue;
-        const uint32_t *word = points->point[first + k].word;
-        at[k][0] = (float)((int32_t)(word[0] << 16) >> 16);
-        at[k][1] = (float)((int32_t)word[0] >> 16);
-        at[k][2] = (float)((int32_t)(word[1] << 16) >> 16);
-        for (int c = 0; c < 3; c++) middle[c] += at[k][c] / (float)count;
+    for (uint32_t lane = 0; lane < LANES; lane++) {
+        texel[lane] = local;
+        point[lane] = first + (usable >> lane & 1 ? lane : (uint32_t)__builtin_ctz(usable));
     }
+    lw_sample_points_load(points, mesh->position, texel, point, &at);
+    for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++)
+        if (usable >> k & 1)
+            middle = lw_vec3_mad(middle, lw_vec3(at.at.x[k], at.at.y[k], at.at.z[k]), 1 / (float)count);
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
-        float distance = 0;
-        if (!(usable >> k & 1)) continue;
-        for (int c = 0; c < 3; c++) distance += (at[k][c] - middle[c]) * (at[k][c] - middle[c]);
-        if (distance < nearest) nearest = distance, best = k;
+        const struct lw_vec3 d = lw_vec3_sub(lw_vec3(at.at.x[k], at.at.y[k], at.at.z[k]), middle);
+        const float distance = lw_vec3_dot(d, d);
+        if (usable >> k & 1 && distance < nearest) nearest = distance, best = k;
     }
     return first + best;
 }

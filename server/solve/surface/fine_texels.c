@@ -396,8 +396,8 @@ static void begin(const struct lw_fine_texels_maker *maker, struct window *w) {
 
 /* ---- the tile ---- */
 
-static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t height, size_t points,
-                          bool has_albedo) {
+static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t height,
+                          const struct lw_sample_points *points, uint32_t point_count, bool has_albedo) {
     const size_t count = (size_t)width * height;
     struct lw_mesh_texels *mesh = &fine->mesh;
     bool ok = true;
@@ -411,10 +411,9 @@ static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t 
     }
     ok &= (mesh->covered = malloc(count)) != NULL;
     ok &= (mesh->chart = malloc(count * sizeof *mesh->chart)) != NULL;
-    ok &= (mesh->sample_points.first = calloc(count + 1, sizeof *mesh->sample_points.first)) != NULL;
-    ok &= (mesh->sample_points.point = malloc((points + 1) * sizeof *mesh->sample_points.point)) != NULL;
-    ok &= (mesh->sample_points.reach = malloc(count * sizeof(float))) != NULL;
-    ok &= (mesh->sample_points.lift = malloc(count * sizeof(float))) != NULL;
+    ok &= lw_sample_points_init(&mesh->sample_points, mesh->texel_count);
+    ok &= (mesh->sample_points.spot = malloc(point_count + 1ul)) != NULL;
+    ok &= lw_sample_points_take_planes(&mesh->sample_points, points);
     ok &= (fine->covered = malloc(count)) != NULL;
     ok &= (fine->usable = malloc(count)) != NULL;
     ok &= (fine->filled = malloc(count)) != NULL;
@@ -436,16 +435,8 @@ void lw_fine_texels_finish(struct lw_fine_texels *fine) {
     *fine = (struct lw_fine_texels){0};
 }
 
-static void copy_points(struct lw_sample_points *to, uint32_t i, const struct lw_sample_points *from,
-                        uint32_t j) {
-    const uint32_t first = from->first[j], count = from->first[j + 1] - first;
-    memcpy(to->point + to->first[i], from->point + first, count * sizeof *to->point);
-    to->first[i + 1] = to->first[i] + count;
-    to->reach[i] = from->reach[j];
-    to->lift[i] = from->lift[j];
-}
-
-static void copy_texel(struct lw_mesh_texels *to, uint32_t i, const struct lw_mesh_texels *from, uint32_t j) {
+/* Returns false without memory. */
+static bool copy_texel(struct lw_mesh_texels *to, uint32_t i, const struct lw_mesh_texels *from, uint32_t j) {
     for (int c = 0; c < 3; c++) {
         to->position[c][i] = from->position[c][j];
         to->normal[c][i] = from->normal[c][j];
@@ -454,7 +445,7 @@ static void copy_texel(struct lw_mesh_texels *to, uint32_t i, const struct lw_me
     }
     to->covered[i] = from->covered[j];
     to->chart[i] = from->chart[j];
-    copy_points(&to->sample_points, i, &from->sample_points, j);
+    return lw_sample_points_copy(&to->sample_points, i, &from->sample_points, j);
 }
 
 /* The texel of the tile that is one of the window; LW_TEXEL_NONE: it lies around the tile. */
@@ -470,14 +461,18 @@ static uint32_t inner_of(const struct window *w, const struct lw_fine_texels *fi
 
 /* Takes the tile out of its window. */
 static bool cut_out(const struct window *w, const struct lw_tile_place *place, struct lw_fine_texels *out) {
-    if (!fine_allocate(out, place->width, place->height, w->texels.sample_points.first[w->texels.texel_count],
+    const struct lw_sample_points *points = &w->texels.sample_points;
+    if (!fine_allocate(out, place->width, place->height, points, points->first[w->texels.texel_count],
                        w->texels.albedo[0] != NULL))
         return false;
     out->mesh.texel_m = w->texels.texel_m;
     for (uint32_t i = 0; i < out->mesh.texel_count; i++) {
         const uint32_t j =
             lw_texels_index(&w->texels, w->inner_x + i % place->width, w->inner_y + i / place->width);
-        copy_texel(&out->mesh, i, &w->texels, j);
+        if (!copy_texel(&out->mesh, i, &w->texels, j)) {
+            lw_fine_texels_finish(out);
+            return false;
+        }
         out->covered[i] = w->covered[j];
         out->usable[i] = w->usable[j];
         out->walls[i] = w->walls[j];

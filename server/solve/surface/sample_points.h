@@ -23,8 +23,8 @@
  * eighth of a texel has as many. */
 #define LW_SAMPLE_POINTS_SPOTS 64u
 
-/** One sample point of a texel, in object space; 12 bytes, for they are many. From
- * the lowest bit of the first word:
+/** A sample point of a texel of the general form, in object space: 12 bytes. From the lowest bit of the first
+ * word:
  * three times 16 bits  offset from the texel's position, signed; 32767 is its reach
  * twice 16             shading normal, octahedral (Meyer et al. 2010): off by under 5e-5
  * twice 8              the same of the face, on the side that is lit: off by under 0.02 */
@@ -32,16 +32,42 @@ struct lw_sample_points_packed {
     uint32_t word[3];
 };
 
-struct lw_sample_points {
-    uint32_t *first;                       /* per texel and one more: its first sample point */
-    struct lw_sample_points_packed *point; /* of all texels */
-    float *reach;                          /* per texel: the largest offset, m in object space */
-    float *lift; /* per texel: how far rays start off the surface for rounding, m in object space */
+/** The plane of flat texels, in object space. Normals are in steps, as the words above have them. */
+struct lw_sample_points_plane {
+    struct lw_vec3 right, down; /* one texel along the columns and the rows of the atlas, m */
+    struct lw_vec2 normal, geometric;
 };
+
+/** The sample points of a mesh's texels. Most texels are flat: their points lie on one plane with one normal,
+ * and the texel's position is at the middle of its square. A point of a flat texel is the number of its spot,
+ * 1 byte, and the plane serves many texels. Other texels have the general form. */
+struct lw_sample_points {
+    uint32_t *first; /* per texel and one more: its first sample point */
+    uint32_t *form; /* per texel: LW_SAMPLE_POINTS_FLAT | its plane, or the number of flat points before it */
+    uint8_t *spot;  /* per sample point: the number of its spot; of flat texels */
+    struct lw_sample_points_packed *packed; /* sample points of the other texels */
+    struct lw_sample_points_plane *plane;
+    uint32_t packed_count, plane_count;
+    float *reach; /* per texel: the largest offset, m in object space */
+    float *lift;  /* per texel: how far rays start off the surface for rounding, m in object space */
+};
+#define LW_SAMPLE_POINTS_FLAT 0x80000000u
 
 /** A sample point before it is packed. */
 struct lw_sample_points_point {
     struct lw_vec3 origin, normal, geometric; /* object space */
+    uint8_t spot;
+};
+
+/** A texel before its sample points are packed. */
+struct lw_sample_points_texel {
+    struct lw_vec3 position;    /* sample points are stored relative to it */
+    struct lw_vec3 right, down; /* how its square lies in space, if it is flat */
+    float largest;              /* the largest coordinate of its triangles, either sign */
+    bool has_spots;             /* else it is too narrow for any: its one point is its position */
+    uint32_t count;
+    struct lw_sample_points_point point[LW_SAMPLE_POINTS_MAX];
+    uint32_t near[2]; /* texels packed before, whose planes may be its own; or itself */
 };
 
 /** Where spot k of LW_SAMPLE_POINTS_SPOTS lies in a texel's unit square. The first eight are in the middle of
@@ -52,11 +78,30 @@ static inline struct lw_vec2 lw_sample_points_spot(uint32_t k) {
                             lw_random_unit(lw_random_reverse_bits(lw_random_pascal(k))) + middle};
 }
 
-/** Packs the sample points of one texel behind those that are there.
- * position    the texel's own; sample points are stored relative to it
- * largest     the largest coordinate of its triangles, either sign */
-void lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel, struct lw_vec3 position,
-                           float largest, const struct lw_sample_points_point *point, uint32_t count);
+/** Room for texels, not for their points yet. Returns false without memory; finish the
+ * sample points in any case. */
+LW_MUST_CHECK bool lw_sample_points_init(struct lw_sample_points *points, uint32_t texels);
+/** Makes room for the points that points->first counts. Returns false without memory. */
+LW_MUST_CHECK bool lw_sample_points_reserve(struct lw_sample_points *points, uint32_t texels);
+void lw_sample_points_finish(struct lw_sample_points *points);
+
+/** Packs the sample points of one texel; texels come in ascending order. Returns false without memory. */
+LW_MUST_CHECK bool lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel,
+                                         const struct lw_sample_points_texel *from);
+/** Takes all planes from other sample points: before the first lw_sample_points_copy() from them. Returns
+ * false without memory. */
+LW_MUST_CHECK bool lw_sample_points_take_planes(struct lw_sample_points *points,
+                                                const struct lw_sample_points *from);
+/** Copies those of a texel behind those that are there, and sets the first one of the next texel. Returns
+ * false without memory. */
+LW_MUST_CHECK bool lw_sample_points_copy(struct lw_sample_points *points, uint32_t texel,
+                                         const struct lw_sample_points *from, uint32_t from_texel);
+
+/** Bytes held. */
+size_t lw_sample_points_memory_bytes(const struct lw_sample_points *points, uint32_t texels);
+
+/** Where spot k lies in a texel's square, in 128ths: x | y << 8. */
+uint32_t lw_sample_points_spot_128ths(uint32_t k);
 
 /** A transform, made ready for many sample points. */
 struct lw_sample_points_frame {
@@ -76,10 +121,20 @@ struct lw_sample_points_lanes {
 /** Loads sample points into lanes: offsets in object space, normals still folded.
  * position  the texels' own, of the mesh
  * texel     within the mesh
- * sample point     index into sample_points.point */
+ * point     of the texel: sample_points.first[texel] and behind it */
 void lw_sample_points_load(const struct lw_sample_points *points, float *const position[3],
                            const uint32_t texel[16], const uint32_t point[16],
                            struct lw_sample_points_lanes *lanes);
+/** Has what the load of a sample point reads fetched. */
+static inline void lw_sample_points_prefetch(const struct lw_sample_points *points, uint32_t texel,
+                                             uint32_t point) {
+    const uint32_t form = points->form[texel];
+    if (form & LW_SAMPLE_POINTS_FLAT)
+        __builtin_prefetch(&points->spot[point]);
+    else
+        __builtin_prefetch(&points->packed[point - form]);
+}
+
 /** How far rays start off the surface in world space, m. lift: the same in object space. */
 static inline float lw_sample_points_lift_m(const struct lw_sample_points_frame *frame, float lift) {
     return lift * frame->stretch + (LW_TRACE_LIFT * frame->offset_m + 1e-30f);

@@ -319,12 +319,28 @@ static uint32_t point_count(const struct claim *c) {
     return count ? count : 1; /* too narrow to hold a spot: the texel's own sample */
 }
 
-static void set_sample_points(struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
+/* How a texel's square lies in space, if the plane of a triangle holds all of it. */
+static void place_square(const struct lw_mesh *mesh, uint32_t triangle, bool back,
+                         struct lw_sample_points_texel *out) {
+    const uint32_t *vertex = mesh->triangle[triangle];
+    const struct lw_vec3 a = mesh->position[vertex[0]], p1 = lw_vec3_sub(mesh->position[vertex[1]], a),
+                         p2 = lw_vec3_sub(mesh->position[vertex[2]], a);
+    struct lw_vec2 corner[3];
+    lightmap_corners(mesh, triangle, back, corner);
+    const struct lw_vec2 e1 = minus(corner[1], corner[0]), e2 = minus(corner[2], corner[0]);
+    const float inverse = 1 / cross2(e1, e2);
+    out->right = lw_vec3_scale(lw_vec3_mad(lw_vec3_scale(p1, e2.y), p2, -e1.y), inverse);
+    out->down = lw_vec3_scale(lw_vec3_mad(lw_vec3_scale(p2, e1.x), p1, -e2.x), inverse);
+}
+
+/* Returns false without memory. */
+static bool set_sample_points(struct lw_mesh_texels *texels, const struct lw_mesh *mesh,
                               const struct claim *c, uint32_t x, uint32_t y) {
     const uint32_t i = lw_texels_index(texels, x, y);
-    struct lw_sample_points_point point[LW_SAMPLE_POINTS_MAX];
-    uint32_t count = 0;
-    float largest = largest_coordinate(mesh, c->triangle);
+    struct lw_sample_points_texel texel = {
+        .position = lw_texels_vector(texels->position, i),
+        .largest = largest_coordinate(mesh, c->triangle),
+        .near = {x ? lw_texels_index(texels, x - 1, y) : i, y ? lw_texels_index(texels, x, y - 1) : i}};
     for (uint32_t k = 0; k < LW_SAMPLE_POINTS_MAX; k++) {
         if (c->spot[k] == LW_TEXEL_NONE) continue;
         const uint32_t triangle = c->spot[k] & ~SPOT_BACK;
@@ -334,12 +350,14 @@ static void set_sample_points(struct lw_mesh_texels *texels, const struct lw_mes
         lightmap_corners(mesh, triangle, back, corner);
         barycentrics(corner, (struct lw_vec2){(float)x + spot.x, (float)y + spot.y}, &u, &v);
         clamp_barycentrics(&u, &v);
-        point[count++] = point_at(mesh, triangle, u, v, back);
-        largest = fmaxf(largest, largest_coordinate(mesh, triangle));
+        texel.point[texel.count] = point_at(mesh, triangle, u, v, back);
+        texel.point[texel.count++].spot = c->number[k];
+        texel.largest = fmaxf(texel.largest, largest_coordinate(mesh, triangle));
     }
-    if (!count) point[count++] = point_at(mesh, c->triangle, c->u, c->v, c->back);
-    lw_sample_points_pack(&texels->sample_points, i, lw_texels_vector(texels->position, i), largest, point,
-                          count);
+    texel.has_spots = texel.count > 0;
+    if (!texel.has_spots) texel.point[texel.count++] = point_at(mesh, c->triangle, c->u, c->v, c->back);
+    place_square(mesh, c->triangle, c->back, &texel);
+    return lw_sample_points_pack(&texels->sample_points, i, &texel);
 }
 
 /* Covered texels within two texels: of a chart, or of any for LW_TEXEL_NONE. */
@@ -392,24 +410,24 @@ static bool evaluate(const struct raster *r) {
         points->first[i + 1] = points->first[i] + point_count(&r->claim[i]);
     const size_t count = points->first[texels->texel_count];
     LW_INVARIANT(count <= (size_t)LW_SAMPLE_POINTS_MAX * texels->texel_count);
-    if (!(points->point = malloc((count + 1) * sizeof *points->point))) return false;
-    for (uint32_t y = 0; y < texels->height; y++)
-        for (uint32_t x = 0; x < texels->width; x++) {
-            uint32_t i = lw_texels_index(texels, x, y);
-            struct claim *c = &r->claim[i];
-            texels->chart[i] = c->chart;
-            if (c->triangle == LW_TEXEL_NONE) continue;
-            struct lw_surface surface;
-            lw_scene_surface(r->scene, mesh, c->triangle, c->u, c->v, &surface);
-            struct lw_sample_points_point point = point_at(mesh, c->triangle, c->u, c->v, c->back);
-            texels->covered[i] = 1;
-            store(texels->position, i, surface.position);
-            store(texels->normal, i, point.normal);
-            store(texels->geometric, i, point.geometric);
-            if (r->has_albedo) store(texels->albedo, i, mean_albedo(r, c));
-            LW_INVARIANT_DEAR(!r->has_albedo || is_albedo(lw_texels_vector(texels->albedo, i)));
-            set_sample_points(texels, mesh, c, x, y);
-        }
+    if (!lw_sample_points_reserve(points, texels->texel_count)) return false;
+    for (uint32_t i = 0; i < texels->texel_count; i++) {
+        struct claim *c = &r->claim[i];
+        uint32_t x, y;
+        lw_texels_coordinates(texels, i, &x, &y);
+        texels->chart[i] = c->chart;
+        if (c->triangle == LW_TEXEL_NONE) continue;
+        struct lw_surface surface;
+        lw_scene_surface(r->scene, mesh, c->triangle, c->u, c->v, &surface);
+        struct lw_sample_points_point point = point_at(mesh, c->triangle, c->u, c->v, c->back);
+        texels->covered[i] = 1;
+        store(texels->position, i, surface.position);
+        store(texels->normal, i, point.normal);
+        store(texels->geometric, i, point.geometric);
+        if (r->has_albedo) store(texels->albedo, i, mean_albedo(r, c));
+        LW_INVARIANT_DEAR(!r->has_albedo || is_albedo(lw_texels_vector(texels->albedo, i)));
+        if (!set_sample_points(texels, mesh, c, x, y)) return false;
+    }
     for (uint32_t y = 0; r->has_albedo && y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
             const uint32_t i = lw_texels_index(texels, x, y);
@@ -448,9 +466,7 @@ static bool allocate(struct lw_mesh_texels *texels, bool has_albedo) {
     }
     ok &= (texels->covered = calloc(count, 1)) != NULL;
     ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
-    ok &= (texels->sample_points.first = calloc(count + 1, sizeof *texels->sample_points.first)) != NULL;
-    ok &= (texels->sample_points.reach = calloc(count, sizeof(float))) != NULL;
-    ok &= (texels->sample_points.lift = calloc(count, sizeof(float))) != NULL;
+    ok &= lw_sample_points_init(&texels->sample_points, texels->texel_count);
     return ok;
 }
 
@@ -690,10 +706,8 @@ enum lw_status lw_texels_reserve(struct lw_texels *texels, uint32_t more) {
 static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *mesh) {
     const size_t vectors =
         sizeof *t->position[0] + sizeof *t->normal[0] + sizeof *t->geometric[0] + sizeof *t->albedo[0];
-    const struct lw_sample_points *points = &t->sample_points;
-    return t->texel_count * (3 * vectors + sizeof *t->covered + sizeof *t->chart + sizeof *points->first +
-                             sizeof *points->reach + sizeof *points->lift) +
-           (points->first ? points->first[t->texel_count] * sizeof *points->point : 0) +
+    return t->texel_count * (3 * vectors + sizeof *t->covered + sizeof *t->chart) +
+           lw_sample_points_memory_bytes(&t->sample_points, t->texel_count) +
            mesh->triangle_count * sizeof *t->triangle;
 }
 
@@ -719,10 +733,7 @@ void lw_texels_finish_mesh(struct lw_mesh_texels *mesh) {
     }
     free(mesh->covered);
     free(mesh->chart);
-    free(mesh->sample_points.first);
-    free(mesh->sample_points.point);
-    free(mesh->sample_points.reach);
-    free(mesh->sample_points.lift);
+    lw_sample_points_finish(&mesh->sample_points);
     free(mesh->triangle);
 }
 

@@ -45,7 +45,8 @@ void lw_ray_launch_block(const struct lw_solve_tile *tile, const struct lw_solve
         lw_ray_launch_init(&out[set], tile, block, set);
         lw_ray_launch_choose(&out[set], tile, usable, seed, sample);
         for (uint32_t lane = 0; lane < LANES; lane++)
-            __builtin_prefetch(&tile->mesh->sample_points.point[out[set].point[lane]]);
+            lw_sample_points_prefetch(&tile->mesh->sample_points, tile->local + out[set].texel[lane],
+                                      out[set].point[lane]);
     }
 }
 

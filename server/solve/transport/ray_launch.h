@@ -12,7 +12,7 @@
 /** A packet (packets.h) and the numbers that it draws (sampling.h). */
 struct lw_ray_launch {
     uint32_t texel[LW_TRACE_WIDTH]; /* within the tile; lanes that are not active repeat the first */
-    uint32_t point[LW_TRACE_WIDTH]; /* index into sample_points.point: where their rays start */
+    uint32_t point[LW_TRACE_WIDTH]; /* sample points of the mesh: where their rays start */
     uint16_t active;
     uint32_t block, set;
     uint32_t frames; /* frames that the block has seen */
