@@ -30,14 +30,13 @@ void lw_patch_solver_add(const struct lw_patch_solver *s, float *const dst[3], f
         for (int c = 0; c < 3; c++) dst[c][i] += src[c][i];
 }
 
-void lw_patch_solver_reflect(struct lw_patch_solver *s, float *const e[3]) {
-    float *radiance = s->tiles.radiance[0];
+void lw_patch_solver_reflect(struct lw_patch_solver *s, float *const e[3], float *out_radiance) {
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         const struct lw_solve_tile *tile = &s->tiles.tile[i];
         for (uint32_t k = 0; k < tile->width * tile->height; k++)
             for (int c = 0; c < 3; c++)
-                radiance[4 * (size_t)(tile->first + k) + (size_t)c] =
+                out_radiance[3 * (size_t)(tile->first + k) + (size_t)c] =
                     s->tiles.covered[tile->first + k]
                         ? tile->mesh->albedo[c][tile->local + k] * e[c][tile->first + k] / LW_PI
                         : 0;

@@ -54,7 +54,7 @@ struct lw_patch_solver {
     int threads;
     struct lw_geometry geometry;
     struct lw_cells cells;
-    /* One order of bounces: all of them together. Its radiance is a method's to use. */
+    /* One order of bounces: all of them together. Its radiance is not used. */
     struct lw_tiles tiles;
     uint32_t texel_changes; /* the geometry's changes that the tiles know */
     struct lw_shown shown;
@@ -83,8 +83,8 @@ float *const *lw_patch_solver_bounces(struct lw_patch_solver *s);
 /** Adds planes of all texels. */
 void lw_patch_solver_add(const struct lw_patch_solver *s, float *const dst[3], float *const src[3]);
 
-/** Sets tiles.radiance[0] to what each texel reflects of E. */
-void lw_patch_solver_reflect(struct lw_patch_solver *s, float *const e[3]);
+/** What each texel reflects of E: 3 floats a texel, W/(m^2 sr). */
+void lw_patch_solver_reflect(struct lw_patch_solver *s, float *const e[3], float *out_radiance);
 
 /** Once true, a frame under way is thrown away. */
 bool lw_patch_solver_cancelled(const struct lw_patch_solver *s);

@@ -16,10 +16,13 @@
 #define GOLDEN_ANGLE 2.39996323f
 #define WINDOW_MAX   LW_TILE_SIDE /* a window lies in one tile */
 
+#define RADIANCE_FLOATS 3u /* a texel */
+
 struct radiosity_solver {
     struct lw_patch_solver patch;
     struct lw_shooters shooters;
     struct lw_radiosity_directions directions;
+    float *radiance;                      /* what texels reflect, 3 floats each, W/(m^2 sr) */
     struct lw_pair_visibility visibility; /* for patches and shooters as they were placed last */
     uint8_t visibility_key[16];
     bool visibility_saved;
@@ -42,7 +45,7 @@ enum lw_status lw_radiosity_solver_check(const struct lw_solver_desc *desc, stru
 
 /* ---- a frame ---- */
 
-static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *radiance, uint32_t stride) {
+static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *radiance) {
     struct lw_patch_solver *p = &s->patch;
     const uint32_t salt = p->frames * (p->desc.bounces + 1) + order;
     const struct lw_wall_sides sides = lw_geometry_sides(&p->geometry);
@@ -52,7 +55,7 @@ static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *ra
                                           .directions = &s->directions,
                                           .sides = &sides,
                                           .radiance = radiance,
-                                          .stride = stride,
+                                          .stride = RADIANCE_FLOATS,
                                           .turn = GOLDEN_ANGLE * (float)p->frames,
                                           .salt = salt * LW_RADIOSITY_DIRECTIONS_MAX,
                                           .cancel = p->desc.cancel,
@@ -61,10 +64,11 @@ static uint64_t pass(struct radiosity_solver *s, uint32_t order, const float *ra
             p->arrived);
     if (p->desc.radiosity.subdivide > 0) {
         /* Lamps keep their texels: a lamp of one point casts hard shadows, and there are few of them. */
-        lw_shooters_subdivide(&s->shooters, order ? p->desc.radiosity.subdivide : 0, radiance, stride);
+        lw_shooters_subdivide(&s->shooters, order ? p->desc.radiosity.subdivide : 0, radiance,
+                              RADIANCE_FLOATS);
         lw_log(LW_LOG_DEBUG, "radiosity: bounce %u: %u shooters", order, s->shooters.count);
     } else {
-        lw_shooters_charge(&s->shooters, radiance, stride, p->threads);
+        lw_shooters_charge(&s->shooters, radiance, RADIANCE_FLOATS, p->threads);
     }
     return lw_radiosity_pass_run(
         &(struct lw_radiosity_pass){.patches = &p->patches,
@@ -99,14 +103,14 @@ static uint64_t shoot(struct lw_patch_solver *p) {
         lw_log(LW_LOG_INFO, "radiosity: %u patches, %u shooters: %.3g pairs a bounce", p->patches.count,
                s->shooters.count, (double)p->patches.count * (double)s->shooters.count);
     if (shoots_emission(p)) {
-        rays += pass(s, 0, p->patches.emission[0], 3);
+        rays += pass(s, 0, p->patches.emission[0]);
         lw_patch_solver_add(p, p->frame_direct, p->arrived);
     }
     for (int c = 0; c < 3; c++) memset(indirect[c], 0, p->tiles.texel_count * sizeof(float));
     LW_INVARIANT(!s->visibility.mask || s->visibility.packets == p->patches.packet_count);
     for (uint32_t order = 1; order <= p->desc.bounces && !lw_patch_solver_cancelled(p); order++) {
-        lw_patch_solver_reflect(p, order == 1 ? p->frame_direct : p->arrived);
-        rays += pass(s, order, p->tiles.radiance[0], 4);
+        lw_patch_solver_reflect(p, order == 1 ? p->frame_direct : p->arrived, s->radiance);
+        rays += pass(s, order, s->radiance);
         lw_patch_solver_add(p, indirect, p->arrived);
     }
     return rays;
@@ -152,6 +156,8 @@ static enum lw_status init(struct lw_patch_solver *p, struct lw_error *err) {
     struct radiosity_solver *s = (struct radiosity_solver *)p;
     const struct lw_radiosity_terms *terms = &p->desc.radiosity;
     enum lw_status status = lw_radiosity_directions_init(&s->directions, terms->directions);
+    s->radiance = malloc((p->geometry.texels.count + 1ul) * RADIANCE_FLOATS * sizeof *s->radiance);
+    if (!s->radiance) status = LW_NO_MEMORY;
     if (status == LW_OK && !terms->directions)
         status = lw_shooters_init(&s->shooters, &p->patches, terms->undersample, terms->window);
     if (status != LW_OK) return lw_status_fail(err, status, "%u texels", p->geometry.texels.count);
@@ -166,12 +172,14 @@ static void finish_shooters(struct lw_patch_solver *p) {
     lw_shooters_finish(&s->shooters);
     lw_pair_visibility_finish(&s->visibility);
     lw_radiosity_directions_finish(&s->directions);
+    free(s->radiance);
 }
 
 static size_t memory_bytes(const struct lw_patch_solver *p) {
     const struct radiosity_solver *s = (const struct radiosity_solver *)p;
     return (s->shooters.patches ? lw_shooters_memory_bytes(&s->shooters) : 0) +
-           lw_pair_visibility_bytes(&s->visibility);
+           lw_pair_visibility_bytes(&s->visibility) +
+           p->geometry.texels.count * RADIANCE_FLOATS * sizeof *s->radiance;
 }
 
 static const struct lw_patch_solver_method method = {.name = "radiosity",

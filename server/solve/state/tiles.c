@@ -8,12 +8,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A plane: where it hangs, and floats for each texel. All that allocates, frees or
- * counts them goes by these lists. */
+/* A plane: where it hangs, a float for each texel unless it is the packed radiance of a bounce. All that
+ * allocates, frees or counts them goes by these lists. */
 struct plane {
     float **at;
-    uint32_t floats;
+    uint64_t **packed; /* NULL: at is not */
 };
+static size_t plane_bytes(const struct plane *plane) {
+    return plane->at ? sizeof **plane->at : sizeof **plane->packed;
+}
+static void *plane_of(const struct plane *plane) {
+    return plane->at ? (void *)*plane->at : (void *)*plane->packed;
+}
 #define CHANNEL_PLANES_MAX (2 * LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX + 9)
 #define PLANES_MAX                                                                                           \
     (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 2) + CHANNEL_PLANES_MAX + LW_TILES_BOUNCES_MAX + 2)
@@ -24,9 +30,9 @@ static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_
                               struct plane out[PLANES_MAX]) {
     LW_TILE_CHANNELS_EACH (channel, channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
-            out[n++] = (struct plane){&tiles->shown[channel][p], 1};
+            out[n++] = (struct plane){.at = &tiles->shown[channel][p]};
             if (channel >= LW_LIGHT_FORM_COUNT && !lw_tile_channel_at(channel)->moment)
-                out[n++] = (struct plane){&tiles->sum[channel][p], 1};
+                out[n++] = (struct plane){.at = &tiles->sum[channel][p]};
         }
     return n;
 }
@@ -35,14 +41,14 @@ static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_
 static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
     uint32_t n = 0;
     for (int c = 0; c < 3; c++) {
-        out[n++] = (struct plane){&tiles->direct[c], 1};
-        out[n++] = (struct plane){&tiles->indirect[c], 1};
-        for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->order[k][c], 1};
-        for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){&tiles->estimate[k][c], 1};
+        out[n++] = (struct plane){.at = &tiles->direct[c]};
+        out[n++] = (struct plane){.at = &tiles->indirect[c]};
+        for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){.at = &tiles->order[k][c]};
+        for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){.at = &tiles->estimate[k][c]};
     }
-    for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){&tiles->radiance[k], 4};
-    out[n++] = (struct plane){&tiles->mean, 1};
-    out[n++] = (struct plane){&tiles->spread, 1};
+    for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){.packed = &tiles->radiance[k]};
+    out[n++] = (struct plane){.at = &tiles->mean};
+    out[n++] = (struct plane){.at = &tiles->spread};
     return list_channels(tiles, lw_tile_channels_held(false, false), n, out);
 }
 
@@ -50,11 +56,11 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
 static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
     uint32_t n = 0;
     for (int c = 0; c < 3; c++) {
-        out[n++] = (struct plane){&tiles->drawn[c], 1};
-        out[n++] = (struct plane){&tiles->drawn_estimate[c], 1};
+        out[n++] = (struct plane){.at = &tiles->drawn[c]};
+        out[n++] = (struct plane){.at = &tiles->drawn_estimate[c]};
     }
-    out[n++] = (struct plane){&tiles->split_mean, 1};
-    out[n++] = (struct plane){&tiles->split_spread, 1};
+    out[n++] = (struct plane){.at = &tiles->split_mean};
+    out[n++] = (struct plane){.at = &tiles->split_spread};
     return list_channels(tiles, lw_tile_channels_held(true, false) & ~lw_tile_channels_held(false, false), n,
                          out);
 }
@@ -65,8 +71,8 @@ static uint32_t list_moments(struct lw_tiles *tiles, struct plane out[PLANES_MAX
     const bool parts = tiles->drawn[0] != NULL;
     for (int k = 0; k < 3; k++) {
         for (int part = 0; part < LW_TILES_PARTS; part++)
-            out[n++] = (struct plane){&tiles->moment[part][k], 1};
-        if (parts) out[n++] = (struct plane){&tiles->drawn_moment[k], 1};
+            out[n++] = (struct plane){.at = &tiles->moment[part][k]};
+        if (parts) out[n++] = (struct plane){.at = &tiles->drawn_moment[k]};
     }
     return list_channels(tiles, lw_tile_channels_held(parts, true) & ~lw_tile_channels_held(parts, false), n,
                          out);
@@ -75,13 +81,19 @@ static uint32_t list_moments(struct lw_tiles *tiles, struct plane out[PLANES_MAX
 static bool allocate(const struct lw_tiles *tiles, const struct plane *plane, uint32_t planes) {
     const size_t count = tiles->texel_capacity ? tiles->texel_capacity : 1;
     bool ok = true;
-    for (uint32_t i = 0; i < planes; i++)
-        ok &= (*plane[i].at = calloc(count, plane[i].floats * sizeof(float))) != NULL;
+    for (uint32_t i = 0; i < planes; i++) {
+        void *fresh = calloc(count, plane_bytes(&plane[i]));
+        if (plane[i].at)
+            *plane[i].at = fresh;
+        else
+            *plane[i].packed = fresh;
+        ok &= fresh != NULL;
+    }
     return ok;
 }
 
 static void free_planes(const struct plane *plane, uint32_t planes) {
-    for (uint32_t i = 0; i < planes; i++) free(*plane[i].at);
+    for (uint32_t i = 0; i < planes; i++) free(plane_of(&plane[i]));
 }
 
 static bool allocate_sums(struct lw_tiles *tiles) {
@@ -110,11 +122,12 @@ size_t lw_tiles_texel_bytes(uint32_t bounces, bool parts, bool moments) {
     float part;
     struct lw_tiles tiles = {.bounces = bounces, .drawn = {parts ? &part : NULL}};
     struct plane plane[PLANES_MAX];
-    size_t floats = 0;
-    for (uint32_t i = 0, n = list_planes(&tiles, plane); i < n; i++) floats += plane[i].floats;
-    for (uint32_t i = 0, n = list_drawn(&tiles, plane); parts && i < n; i++) floats += plane[i].floats;
-    for (uint32_t i = 0, n = list_moments(&tiles, plane); moments && i < n; i++) floats += plane[i].floats;
-    return floats * sizeof(float) + sizeof *tiles.block_of_texel + sizeof *tiles.region_of_texel;
+    size_t bytes = sizeof *tiles.block_of_texel + sizeof *tiles.region_of_texel;
+    for (uint32_t i = 0, n = list_planes(&tiles, plane); i < n; i++) bytes += plane_bytes(&plane[i]);
+    for (uint32_t i = 0, n = list_drawn(&tiles, plane); parts && i < n; i++) bytes += plane_bytes(&plane[i]);
+    for (uint32_t i = 0, n = list_moments(&tiles, plane); moments && i < n; i++)
+        bytes += plane_bytes(&plane[i]);
+    return bytes;
 }
 
 size_t lw_tiles_memory_bytes(const struct lw_tiles *tiles) {
@@ -458,9 +471,9 @@ void lw_tiles_take_radiance(struct lw_tiles *tiles, const struct lw_tiles *from,
                             uint32_t bounce) {
     const struct lw_solve_tile *tile = lw_tiles_at(tiles, id);
     LW_INVARIANT(bounce < tiles->bounces && from->texel_count == tiles->texel_count);
-    const size_t first = 4 * (size_t)tile->first, change = LW_REGIONS * (size_t)(tile->block - tiles->block);
+    const size_t first = tile->first, change = LW_REGIONS * (size_t)(tile->block - tiles->block);
     memcpy(tiles->radiance[bounce] + first, from->radiance[bounce] + first,
-           4 * sizeof(float) * tile->width * tile->height);
+           sizeof *tiles->radiance[bounce] * tile->width * tile->height);
     memcpy(tiles->radiance_change[bounce] + change, from->radiance_change[bounce] + change,
            LW_REGIONS * sizeof(struct lw_vec3) * tile->block_columns * tile->block_rows);
 }
@@ -477,9 +490,9 @@ static void take_block(struct lw_solve_block *block, const struct lw_solve_block
 static void take_planes(const struct plane *to, const struct plane *from, uint32_t planes,
                         const struct lw_solve_tile *tile) {
     for (uint32_t i = 0; i < planes; i++) {
-        const size_t first = (size_t)tile->first * from[i].floats;
-        memcpy(*to[i].at + first, *from[i].at + first,
-               sizeof(float) * from[i].floats * tile->width * tile->height);
+        const size_t bytes = plane_bytes(&from[i]), first = tile->first * bytes;
+        memcpy((char *)plane_of(&to[i]) + first, (const char *)plane_of(&from[i]) + first,
+               bytes * tile->width * tile->height);
     }
 }
 

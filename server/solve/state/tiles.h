@@ -10,6 +10,7 @@
 #include "server/solve/state/cells.h"
 #include "server/solve/state/change.h"
 #include "server/solve/state/history.h"
+#include "server/solve/state/packed_radiance.h"
 #include "server/solve/surface/packets.h"
 #include "server/solve/surface/texels.h"
 
@@ -149,9 +150,9 @@ struct lw_tiles {
     float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     uint32_t channels;                     /* channels that this solve holds (tile_channels.h) */
     float *order[LW_TILES_BOUNCES_MAX][3]; /* mean E of bounce order k + 1 alone */
-    /* Radiance that texels send out of bounce order k, W/(m^2 sr), 4 floats a texel. Each order has a plane
-     * of its own, so that it stays while the tile is not solved. */
-    float *radiance[LW_TILES_BOUNCES_MAX];
+    /* Radiance that texels send out of bounce order k, W/(m^2 sr), packed. Each order has a plane of its own,
+     * so that it stays while the tile is not solved. */
+    uint64_t *radiance[LW_TILES_BOUNCES_MAX];
     /* [LW_REGIONS * block + region]: mean difference of this radiance from the frame before. */
     struct lw_vec3 *radiance_change[LW_TILES_BOUNCES_MAX];
     float *estimate[LW_TILES_ESTIMATES][3]; /* E of the last frame that solved the texel, alone */
@@ -229,6 +230,12 @@ static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel,
     const float direct =
         channel == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, plane, texel) : tiles->direct[plane][texel];
     return direct + tiles->indirect[plane][texel];
+}
+
+/** What a texel sends out of a bounce order, W/(m^2 sr). */
+static inline struct lw_vec3 lw_tiles_radiance(const struct lw_tiles *tiles, uint32_t bounce,
+                                               uint32_t texel) {
+    return lw_packed_radiance_unpack(tiles->radiance[bounce][texel]);
 }
 
 /** Blends an estimate into a mean. Skips an estimate that is not finite: the mean would never recover. */

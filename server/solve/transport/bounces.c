@@ -371,8 +371,7 @@ static struct lw_vec3 radiance_at(const struct lw_transport *t, uint32_t hit, ui
     if (hit == LW_RAY_HIT_NOTHING) return lw_vec3(0, 0, 0);
     if (hit & LW_RAY_HIT_PROBE)
         return lw_probes_radiance(t->probes, bounce - 1, lw_ray_hit_probe(hit), lw_ray_hit_direction(hit));
-    const float *l = t->tiles->radiance[bounce - 1] + (size_t)hit * 4;
-    return lw_vec3(l[0], l[1], l[2]);
+    return lw_tiles_radiance(t->tiles, bounce - 1, hit);
 }
 
 /* What a texel's ray brings of a bounce. The first one knows which way glossy surfaces send it. */
@@ -421,8 +420,7 @@ static void blend_moment(const struct lw_transport *t, uint32_t texel, uint32_t 
 static void prefetch_hits(const struct lw_transport *t, uint32_t texel, uint32_t bounce) {
     const uint32_t *hit = t->ray_hit + (size_t)texel * t->indirect_samples;
     for (uint32_t s = 0; s < t->indirect_samples; s++)
-        if (!(hit[s] & LW_RAY_HIT_PROBE))
-            __builtin_prefetch(t->tiles->radiance[bounce - 1] + (size_t)hit[s] * 4);
+        if (!(hit[s] & LW_RAY_HIT_PROBE)) __builtin_prefetch(&t->tiles->radiance[bounce - 1][hit[s]]);
 }
 
 /* Where a bounce's estimates are summed. */
@@ -558,7 +556,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
         spread_rare(t, tile, column, row, (float)block->indirect.sample_count, &senders);
     LW_TILES_EACH_TEXEL (tile, column, row, x, y) {
         const uint32_t i = y * tile->width + x, texel = tile->first + i;
-        float *l = t->tiles->radiance[bounce] + (size_t)texel * 4;
+        const struct lw_vec3 before = lw_tiles_radiance(t->tiles, bounce, texel);
         struct lw_vec3 now = reflected(&senders, texel, tile->local + i);
         if (senders.count && t->tiles->covered[texel]) {
             sending = sending_of(&senders, t->tiles->side[texel], sending);
@@ -567,14 +565,13 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
             now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
         }
         LW_INVARIANT_DEAR(!t->tiles->covered[texel] || lw_vec3_is_finite(now));
+        t->tiles->radiance[bounce][texel] = lw_packed_radiance(now);
+        now = lw_tiles_radiance(t->tiles, bounce, texel);
         if (t->tiles->covered[texel]) {
             const uint32_t region = t->tiles->region_of_texel[texel];
-            change[region] = lw_vec3_add(change[region], lw_vec3_sub(now, lw_vec3(l[0], l[1], l[2])));
+            change[region] = lw_vec3_add(change[region], lw_vec3_sub(now, before));
             texels[region]++;
         }
-        l[0] = now.x;
-        l[1] = now.y;
-        l[2] = now.z;
     }
     struct lw_vec3 *sum = &t->tiles->radiance_change[bounce][(block - t->tiles->block) * LW_REGIONS];
     for (uint32_t r = 0; r < LW_REGIONS; r++)

@@ -35,10 +35,9 @@ static float lobe(const struct lw_lobes *lobes, struct lw_vec3 normal, struct lw
 
 /* Whether light of which a ray of a texel brings that much matters to it. */
 static bool is_weak(const struct lw_transport *t, uint32_t from, uint32_t texel) {
-    const float *sent = t->tiles->radiance[0] + (size_t)texel * 4;
+    const struct lw_vec3 sent = lw_tiles_radiance(t->tiles, 0, texel);
     const struct lw_solve_block *block = &t->tiles->block[t->tiles->block_of_texel[from]];
-    return LW_PI * lw_colour_luminance(lw_vec3(sent[0], sent[1], sent[2])) <
-           WEAK * block->reference_luminance;
+    return LW_PI * lw_colour_luminance(sent) < WEAK * block->reference_luminance;
 }
 
 static float factor_of(const struct lw_transport *t, const struct lw_ray16 *rays, const struct lw_hit16 *hits,

@@ -322,9 +322,8 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_wall_sides *
     return count;
 }
 
-void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *radiance, uint32_t history_max,
-                       int threads) {
-    static const float black[3];
+void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const uint64_t *radiance,
+                       uint32_t history_max, int threads) {
     const struct lw_probe_form_ops *form = probes->form;
 #pragma omp parallel for schedule(dynamic, 4) num_threads(threads)
     for (uint32_t p = 0; p < probes->count; p++) {
@@ -333,8 +332,9 @@ void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *r
         memset(sum, 0, form->sum_floats * sizeof *sum);
         for (uint32_t r = 0; r < LW_PROBES_RAYS; r++) {
             const struct lw_probe_ray *ray = &probes->ray[p * LW_PROBES_RAYS + r];
-            form->add(sum, ray->direction,
-                      ray->hit == LW_RAY_HIT_NOTHING ? black : radiance + (size_t)ray->hit * 4);
+            const struct lw_vec3 l =
+                lw_packed_radiance_unpack(ray->hit == LW_RAY_HIT_NOTHING ? 0 : radiance[ray->hit]);
+            form->add(sum, ray->direction, (const float[3]){l.x, l.y, l.z});
         }
         const size_t view = (size_t)bounce * probes->count + p;
         float *mean = probes->sum + view * form->sum_floats;

@@ -17,6 +17,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/state/cells.h"
 #include "server/solve/state/checkpoint.h"
+#include "server/solve/state/packed_radiance.h"
 #include "server/solve/surface/wall_sides.h"
 #include "server/solve/transport/probe_form.h"
 
@@ -83,10 +84,10 @@ uint64_t lw_probes_gather(struct lw_probes *probes, const struct lw_wall_sides *
                           bool eager, int threads);
 
 /** Turns the radiance of bounce order `bounce` at the rays' ends into what probes see, blended
- * into a history of at most `history_max` + 1 gatherings. radiance: 4 floats per texel of the
- * global numbering, W/(m^2 sr). */
-void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const float *radiance, uint32_t history_max,
-                       int threads);
+ * into a history of at most `history_max` + 1 gatherings. radiance: per texel of the global
+ * numbering, W/(m^2 sr). */
+void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const uint64_t *radiance,
+                       uint32_t history_max, int threads);
 
 /** Chooses who knows what arrives at a point from a direction.
  *

@@ -81,10 +81,8 @@ static void edges(const struct lw_mesh *mesh, uint32_t triangle, struct lw_vec3 
 static float radiance_of(const struct lw_tiles *tiles, uint32_t texel) {
     float sum = 0;
     if (texel == LW_TEXEL_NONE) return 0;
-    for (uint32_t bounce = 0; bounce < tiles->bounces; bounce++) {
-        const float *l = tiles->radiance[bounce] + (size_t)texel * 4;
-        sum += lw_colour_luminance(lw_vec3(l[0], l[1], l[2]));
-    }
+    for (uint32_t bounce = 0; bounce < tiles->bounces; bounce++)
+        sum += lw_colour_luminance(lw_tiles_radiance(tiles, bounce, texel));
     return sum;
 }
 
