@@ -160,6 +160,7 @@ enum lw_status lw_daemon_set_up_solver(struct lw_daemon *d, struct lw_error *err
         .client_lights = &d->client_lights,
         .light_groups = &d->light_groups,
         .directions = d->has_directions,
+        .directional = d->directional,
         .bounces = (uint32_t)s->bounces,
         LW_PROBE_OPTIONS_DESC(&s->probes),
         .denoise = s->denoise == 1,

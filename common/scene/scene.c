@@ -93,6 +93,13 @@ bool lw_scene_has_finishes(const struct lw_scene *scene) {
     return false;
 }
 
+bool lw_scene_object_has_finishes(const struct lw_scene *scene, uint32_t object) {
+    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
+    for (uint32_t t = 0; t < mesh->triangle_count; t++)
+        if (scene->material[mesh->material[t]].finish) return true;
+    return false;
+}
+
 static bool has_bumps(const struct lw_material *material) {
     const struct lw_finish *finish = material->finish;
     return finish && !material->unlit &&

@@ -241,6 +241,8 @@ void lw_scene_finish_variant(struct lw_scene *variant);
 /** Makes all materials matt and even: no finishes, none of their textures, no tangents. For builders only. */
 void lw_scene_drop_finishes(struct lw_scene *scene);
 bool lw_scene_has_finishes(const struct lw_scene *scene);
+/** The same of an object's materials. */
+bool lw_scene_object_has_finishes(const struct lw_scene *scene, uint32_t object);
 /** Whether an object looks different by where light comes from: a material of it has a normal map, a texture
  * of roughness, or roughness under LW_SCENE_ROUGH. */
 bool lw_scene_object_has_bumps(const struct lw_scene *scene, uint32_t object);

@@ -280,7 +280,8 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
         return lw_status_fail(err, status, "%u texels", texels->count);
     if (lw_cell_data_parts_drawn(s) && (status = lw_tiles_part_drawn(&s->tiles)) != LW_OK)
         return lw_status_fail(err, status, "%u texels", texels->count);
-    if (s->desc.directions && (status = lw_tiles_hold_moments(&s->tiles)) != LW_OK)
+    if (s->desc.directions &&
+        (status = lw_tiles_hold_moments(&s->tiles, scene, s->desc.directional)) != LW_OK)
         return lw_status_fail(err, status, "directions of light in %u texels", texels->count);
     lw_fine_tiles_add_layer(&s->geometry->fine,
                             &(struct lw_fine_tiles_layer){.tiles = &s->tiles,

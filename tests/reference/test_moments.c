@@ -444,6 +444,39 @@ static void test_light_is_the_same_without(void **state) {
     end(&without);
 }
 
+struct of_object {
+    uint32_t object;
+    double length, others; /* sums of moments' lengths: of its texels, of all others */
+};
+
+static void sum_lengths(void *user, const struct texel *texel) {
+    struct of_object *sum = user;
+    *(texel->object == sum->object ? &sum->length : &sum->others) +=
+        (double)lw_vec3_length(texel->v[LW_LIGHT_FORM_FULL]);
+}
+
+/* Nobody reads where the light of one object comes from: its moments stay 0. Those of others, and all light,
+ * are as if it were read everywhere. */
+static void test_only_objects_that_are_read_have_it(void **state) {
+    (void)state;
+    const struct room room = room_with_two_lamps();
+    struct lw_solver_desc some = kept;
+    bool directional[ROOM_QUADS_MAX];
+    struct lit all, part;
+    struct of_object of_all = {.object = 0}, of_part = {.object = 0};
+    for (uint32_t o = 0; o < ROOM_QUADS_MAX; o++) directional[o] = o != 0;
+    some.directional = directional;
+    begin(&all, &room, kept, "left", BOTH | DIRECTIONS, 4);
+    begin(&part, &room, some, "left", BOTH | DIRECTIONS, 4);
+    assert_true(room_expect_same(&all.s, &part.s) > 0);
+    each_texel(&all, sum_lengths, &of_all);
+    each_texel(&part, sum_lengths, &of_part);
+    assert_true(of_all.length > 0 && of_part.length == 0);
+    assert_true(of_all.others > 0 && of_part.others == of_all.others);
+    end(&all);
+    end(&part);
+}
+
 static void test_a_checkpoint_keeps_it(void **state) {
     (void)state;
     const struct room room = room_with_two_lamps();
@@ -481,6 +514,7 @@ int main(void) {
         cmocka_unit_test(test_published),
         cmocka_unit_test(test_follows_a_lamp),
         cmocka_unit_test(test_light_is_the_same_without),
+        cmocka_unit_test(test_only_objects_that_are_read_have_it),
         cmocka_unit_test(test_a_checkpoint_keeps_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

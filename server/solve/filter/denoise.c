@@ -779,7 +779,8 @@ void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, uint32_t channel
         if (!find_job(denoise, tile, &job)) continue;
         for (job.form = 0; job.form < LW_LIGHT_FORM_COUNT; job.form++)
             if (forms & lw_tile_channel_bit(job.form))
-                filter(&job, channels, &denoise->planes[omp_get_thread_num()]);
+                filter(&job, lw_tiles_channels_of(denoise->tiles, tile, channels),
+                       &denoise->planes[omp_get_thread_num()]);
         tile->light.solved_frame = frame;
         LW_TILES_EACH_BLOCK (tile, block)
             if (denoise->marked[block - denoise->tiles->block]) block->shown_frame = frame;

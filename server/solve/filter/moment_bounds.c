@@ -38,7 +38,7 @@ void lw_moment_bounds_keep(struct lw_tiles *tiles, const struct lw_pose *pose, u
     for (uint32_t t = 0; t < tiles->count; t++) {
         const struct lw_solve_tile *tile = &tiles->tile[t];
         if (tile->light.solved_frame != frame) continue;
-        LW_TILE_CHANNELS_EACH (channel, channels)
+        LW_TILE_CHANNELS_EACH (channel, lw_tiles_channels_of(tiles, tile, channels))
             if (lw_tile_channel_at(channel)->moment)
                 keep_tile(tiles, &pose->object_to_world[tile->object], tile, channel);
     }

@@ -112,8 +112,13 @@ enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles) {
     return allocate(tiles, plane, list_drawn(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
 }
 
-enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles) {
+enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles, const struct lw_scene *scene,
+                                     const bool *directional) {
     struct plane plane[PLANES_MAX];
+    tiles->has_moments = malloc((scene->object_count + 1ul) * sizeof *tiles->has_moments);
+    if (!tiles->has_moments) return LW_NO_MEMORY;
+    for (uint32_t o = 0; o < scene->object_count; o++)
+        tiles->has_moments[o] = !directional || directional[o] || lw_scene_object_has_finishes(scene, o);
     tiles->channels = lw_tile_channels_held(tiles->drawn[0] != NULL, true);
     return allocate(tiles, plane, list_moments(tiles, plane)) ? LW_OK : LW_NO_MEMORY;
 }
@@ -457,6 +462,7 @@ void lw_tiles_finish(struct lw_tiles *tiles) {
     free_planes(plane, list_planes(tiles, plane));
     free_planes(plane, list_drawn(tiles, plane));
     for (uint32_t k = 0; k < tiles->bounces; k++) free(tiles->radiance_change[k]);
+    free(tiles->has_moments);
     free(tiles->slot_of_id);
     free(tiles->block_of_texel);
     free(tiles->region_of_texel);
@@ -534,7 +540,7 @@ void lw_tiles_show(struct lw_tiles *tiles, uint64_t frame, uint32_t channels, in
     for (uint32_t t = 0; t < tiles->count; t++) {
         const struct lw_solve_tile *tile = &tiles->tile[t];
         if (tile->light.solved_frame != frame) continue;
-        LW_TILE_CHANNELS_EACH (channel, channels)
+        LW_TILE_CHANNELS_EACH (channel, lw_tiles_channels_of(tiles, tile, channels))
             for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
                 show_plane(tiles, tile, frame, channel, p);
     }

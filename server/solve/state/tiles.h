@@ -142,6 +142,7 @@ struct lw_tiles {
     /* Cosine moments (direction_form.h), W/m^2, of direct light without client lights and of bounces, by
      * part. NULL: not held. drawn_moment is that of client lights. */
     float *moment[LW_TILES_PARTS][3], *drawn_moment[3];
+    bool *has_moments; /* per object */
     /* Means of the channels that are neither a form of light nor its moment. FULL is direct + indirect; SPLIT
      * is FULL less drawn. */
     float *sum[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
@@ -177,9 +178,22 @@ void lw_tiles_finish(struct lw_tiles *tiles);
 /** Adds the planes that keep client lights apart, and the channels that need them. Errors: LW_NO_MEMORY;
  * finish the tiles then. */
 LW_MUST_CHECK enum lw_status lw_tiles_part_drawn(struct lw_tiles *tiles);
-/** Adds the planes of cosine moments, and their channels; after lw_tiles_part_drawn(). Errors: LW_NO_MEMORY;
- * finish the tiles then. */
-LW_MUST_CHECK enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles);
+/** Adds the planes of cosine moments, and their channels; after lw_tiles_part_drawn(). directional: as in
+ * lw_solver_desc. Errors: LW_NO_MEMORY; finish the tiles then. */
+LW_MUST_CHECK enum lw_status lw_tiles_hold_moments(struct lw_tiles *tiles, const struct lw_scene *scene,
+                                                   const bool *directional);
+/** Whether the moments of a tile are worked out. Else their planes stay 0, and take no memory there. */
+static inline bool lw_tiles_has_moments(const struct lw_tiles *tiles, const struct lw_solve_tile *tile) {
+    return tiles->moment[0][0] && tiles->has_moments[tile->object];
+}
+/** The channels of a set that a tile has light in. */
+static inline uint32_t lw_tiles_channels_of(const struct lw_tiles *tiles, const struct lw_solve_tile *tile,
+                                            uint32_t channels) {
+    if (lw_tiles_has_moments(tiles, tile)) return channels;
+    LW_TILE_CHANNELS_EACH (channel, channels)
+        if (lw_tile_channel_at(channel)->moment) channels &= ~lw_tile_channel_bit(channel);
+    return channels;
+}
 
 /** The last frame that changed shown planes of any tile; 0: none has. */
 uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles);
@@ -256,7 +270,8 @@ static inline void lw_tiles_store(float *const dst[3], uint32_t texel, struct lw
  * clients read as an even hemisphere. */
 static inline void lw_tiles_scale_moment(float *const moment[3], uint32_t texel, float then, float now) {
     const float factor = then > 0 ? fmaxf(now, 0) / then : 0;
-    for (uint32_t k = 0; k < 3; k++) moment[k][texel] = isfinite(factor) ? moment[k][texel] * factor : 0;
+    for (uint32_t k = 0; k < 3; k++)
+        if (moment[k][texel] != 0) moment[k][texel] = isfinite(factor) ? moment[k][texel] * factor : 0;
 }
 
 /** Takes over texels->changes. A block whose covered texels, usable sample points or regions have changed

@@ -432,6 +432,7 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
     LW_INVARIANT(bounce > 0 && bounce <= t->tiles->bounces);
     float *const *estimate = t->tiles->estimate[estimate_of(bounce)];
     const uint32_t count = tile->width * tile->height;
+    const bool has_moments = lw_tiles_has_moments(t->tiles, tile);
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t texel = tile->first + i;
         if (i + GATHER_AHEAD < count) prefetch_hits(t, texel + GATHER_AHEAD, bounce);
@@ -441,7 +442,7 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);
         lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
         lw_tiles_store(estimate, texel, bounce <= 2 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
-        if (t->ray_direction) blend_moment(t, texel, bounce, block->indirect.weight);
+        if (has_moments) blend_moment(t, texel, bounce, block->indirect.weight);
     }
 }
 

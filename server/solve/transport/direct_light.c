@@ -30,7 +30,7 @@ void lw_direct_light_estimate(const struct lw_transport *t, const struct lw_solv
     part[1] = part[0];
     part[1].lights = t->drawn;
     part[1].e = out->drawn;
-    if (t->ray_direction) {
+    if (lw_tiles_has_moments(t->tiles, tile)) {
         part[0].moment = out->moment;
         part[1].moment = out->drawn_moment;
     }
@@ -92,7 +92,7 @@ void lw_direct_light_solve(const struct lw_transport *t, struct lw_solve_tile *t
             for (uint32_t lane = 0; lane < block->packet[set].count; lane++) {
                 const uint32_t texel = tile->first + launch[set].texel[lane];
                 const struct lw_vec3 now = lw_direct_light_lane(e.all, lane);
-                if (t->ray_direction && lw_vec3_is_finite(now))
+                if (lw_tiles_has_moments(t->tiles, tile) && lw_vec3_is_finite(now))
                     blend_moments(t, texel, &e, lane, block->direct.weight);
                 if (t->drawn && lw_vec3_is_finite(now))
                     lw_tiles_blend(t->tiles->drawn, texel, lw_direct_light_lane(e.drawn, lane),
