@@ -48,7 +48,7 @@ struct lw_solver_desc {
     const struct lw_light_groups *light_groups;
     /* Keeps where light comes from: the channels with `moment` (tile_channels.h). For the cell solver. */
     bool directions;
-    /* Per object: somebody reads where its light comes from; outlives the solver. NULL: of all. Others keep it
+    /* Per object: clients get where its light comes from; outlives the solver. NULL: all. Others keep it
      * where they have a finish, for bounces. */
     const bool *directional;
     /* Every frame filters the shown planes (denoise.h). The sums stay unfiltered. */

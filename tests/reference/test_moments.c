@@ -455,8 +455,8 @@ static void sum_lengths(void *user, const struct texel *texel) {
         (double)lw_vec3_length(texel->v[LW_LIGHT_FORM_FULL]);
 }
 
-/* Nobody reads where the light of one object comes from: its moments stay 0. Those of others, and all light,
- * are as if it were read everywhere. */
+/* Nobody reads where the light of one object comes from: its moments stay 0. All light, and the moments of
+ * other objects, are as if all moments were read. */
 static void test_only_objects_that_are_read_have_it(void **state) {
     (void)state;
     const struct room room = room_with_two_lamps();

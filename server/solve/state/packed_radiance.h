@@ -1,8 +1,8 @@
 /* packed_radiance.h: radiance of a texel in 8 bytes.
  * Threads: pure functions, [any].
  *
- * Each channel has the 21 bits behind the sign of a float, red in the lowest ones: all of a float's range, and
- * 13 bits of its fraction. Rounding moves a channel by at most 2^-14 of itself, which is far below the noise of
+ * Each channel has the 21 bits behind the sign of a float, red in the lowest ones: a float's range, and
+ * 13 bits of its fraction. Rounding moves a channel by at most 2^-14 of itself, far below the noise of
  * any mean, and as often up as down. */
 #ifndef LW_STATE_PACKED_RADIANCE_H
 #define LW_STATE_PACKED_RADIANCE_H
@@ -12,7 +12,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#define LW_PACKED_RADIANCE_BITS 21u /* of a channel */
+#define LW_PACKED_RADIANCE_BITS 21u /* a channel has these bits */
 
 /** channel: finite; less than 0 becomes 0. */
 static inline uint64_t lw_packed_radiance_channel(float channel) {

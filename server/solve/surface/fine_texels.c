@@ -480,6 +480,7 @@ static bool cut_out(const struct window *w, const struct lw_tile_place *place, s
         out->source[i] = inner_of(w, out, w->source[j]);
         out->filled[i] = !out->covered[i] && out->source[i] != LW_TEXEL_NONE;
     }
+    lw_sample_points_trim(&out->mesh.sample_points);
     return true;
 }
 

@@ -91,6 +91,16 @@ static bool make_room(void *array, uint32_t count, uint32_t more, size_t size) {
     return grown != NULL;
 }
 
+static void trim(void *array, size_t bytes) {
+    void *trimmed = bytes ? realloc(*(void **)array, bytes) : NULL;
+    if (trimmed) *(void **)array = trimmed;
+}
+
+void lw_sample_points_trim(struct lw_sample_points *points) {
+    trim(&points->packed, points->packed_count * sizeof *points->packed);
+    trim(&points->plane, points->plane_count * sizeof *points->plane);
+}
+
 /* Where a plane has a spot, from the middle of the square. */
 static struct lw_vec3 place_spot(const struct lw_sample_points_plane *plane, uint32_t spot) {
     const float x = (float)((int)(spot_at[spot] & 0xffu) - 64) * (1.0f / 128),

@@ -97,7 +97,10 @@ LW_MUST_CHECK bool lw_sample_points_take_planes(struct lw_sample_points *points,
 LW_MUST_CHECK bool lw_sample_points_copy(struct lw_sample_points *points, uint32_t texel,
                                          const struct lw_sample_points *from, uint32_t from_texel);
 
-/** Bytes held. */
+/** Gives back room for more points; none are packed or copied after it. */
+void lw_sample_points_trim(struct lw_sample_points *points);
+
+/** Bytes held, after lw_sample_points_trim(). */
 size_t lw_sample_points_memory_bytes(const struct lw_sample_points *points, uint32_t texels);
 
 /** Where spot k lies in a texel's square, in 128ths: x | y << 8. */

@@ -428,6 +428,7 @@ static bool evaluate(const struct raster *r) {
         LW_INVARIANT_DEAR(!r->has_albedo || is_albedo(lw_texels_vector(texels->albedo, i)));
         if (!set_sample_points(texels, mesh, c, x, y)) return false;
     }
+    lw_sample_points_trim(points);
     for (uint32_t y = 0; r->has_albedo && y < texels->height; y++)
         for (uint32_t x = 0; x < texels->width; x++) {
             const uint32_t i = lw_texels_index(texels, x, y);
