@@ -8,8 +8,8 @@
 #include <stdio.h>
 #include <unistd.h>
 
-/* Bytes that light takes, as measured (docs/lab/big_scenes.md), for: */
-#define TEXEL_BYTES 80u   /* a texel: its place, sample points and the like */
+/* Bytes that light takes, as measured (docs/lab/memory.md), for: */
+#define TEXEL_BYTES 60u   /* a texel: its place, sample points and the like, where most texels are flat */
 #define LAYER_BYTES 120u  /* a texel in each layer: rays, pairs of the filter; not the planes of light */
 #define TILE_BYTES  3000u /* a tile: its blocks and packets, and what sessions remember of it */
 
