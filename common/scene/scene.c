@@ -93,12 +93,7 @@ bool lw_scene_has_finishes(const struct lw_scene *scene) {
     return false;
 }
 
-bool lw_scene_object_has_finishes(const struct lw_scene *scene, uint32_t object) {
-    const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
-    for (uint32_t t = 0; t < mesh->triangle_count; t++)
-        if (scene->material[mesh->material[t]].finish) return true;
-    return false;
-}
+static bool has_finish(const struct lw_material *material) { return material->finish != NULL; }
 
 static bool has_bumps(const struct lw_material *material) {
     const struct lw_finish *finish = material->finish;
@@ -107,11 +102,21 @@ static bool has_bumps(const struct lw_material *material) {
             finish->surface_texture.texture != LW_SCENE_NONE || finish->roughness < LW_SCENE_ROUGH);
 }
 
-bool lw_scene_object_has_bumps(const struct lw_scene *scene, uint32_t object) {
+/* Whether a material of an object is one for which `holds` says so. */
+static bool object_has(const struct lw_scene *scene, uint32_t object,
+                       bool (*holds)(const struct lw_material *material)) {
     const struct lw_mesh *mesh = &scene->mesh[scene->object[object].mesh];
     for (uint32_t t = 0; t < mesh->triangle_count; t++)
-        if (has_bumps(&scene->material[mesh->material[t]])) return true;
+        if (holds(&scene->material[mesh->material[t]])) return true;
     return false;
+}
+
+bool lw_scene_object_has_finishes(const struct lw_scene *scene, uint32_t object) {
+    return object_has(scene, object, has_finish);
+}
+
+bool lw_scene_object_has_bumps(const struct lw_scene *scene, uint32_t object) {
+    return object_has(scene, object, has_bumps);
 }
 
 void lw_scene_drop_finishes(struct lw_scene *scene) {

@@ -322,43 +322,49 @@ static float side_power(const struct lw_emitter_clusters *clusters, const struct
     return power > 0 && power < INFINITY ? power : 0;
 }
 
-/* Intensity by direction: values at the steps, and in the middle of their cells. */
-struct shine {
-    float step[DIRECTIONS], middle[MAP * MAP];
-};
+/* Directions in rows: of the map's steps, or of the middles of its cells. */
+static void list_directions(uint32_t side, float first, struct lw_vec3 *out) {
+    for (uint32_t k = 0; k < side * side; k++)
+        out[k] = map_direction((float)(k % side) + first, (float)(k / side) + first);
+}
 
-static void add_side(struct shine *shine, struct lw_vec3 n) {
-    for (uint32_t k = 0; k < DIRECTIONS; k++) {
-        const float cosine = lw_vec3_dot(n, map_direction((float)(k % (MAP + 1)), (float)(k / (MAP + 1))));
-        shine->step[k] += cosine > 0 ? cosine : 0;
-    }
-    for (uint32_t k = 0; k < MAP * MAP; k++) {
-        const float cosine = lw_vec3_dot(n, map_direction((float)(k % MAP) + 0.5f, (float)(k / MAP) + 0.5f));
-        shine->middle[k] += cosine > 0 ? cosine : 0;
+/* n: the normal of a side, as long as its power */
+static void add_side(struct lw_vec3 n, const struct lw_vec3 *direction, uint32_t count, float *shine) {
+    for (uint32_t k = 0; k < count; k++) {
+        const float cosine = lw_vec3_dot(n, direction[k]);
+        shine[k] += cosine > 0 ? cosine : 0;
     }
 }
 
-/* Intensity is curved, so means of steps are below what lies between them: by 1 % in the middle of a cell,
- * for a panel. Returns the factor by which the mean over all places in the map is right (by Simpson's rule
- * for each cell: errors at the middle count by two thirds in each direction). */
-static float find_gain(const struct shine *shine) {
-    double middle = 0, mean = 0;
+/* The map is bilinear, but intensity is curved: a panel's is 1 % higher in the middle of a cell than the mean
+ * of its corners. Returns the factor by which the mean over the whole map is right, by Simpson's rule in each
+ * cell.
+ * step    intensity at the steps
+ * middle  in the middles of cells */
+static float find_gain(const float step[DIRECTIONS], const float middle[MAP * MAP]) {
+    double between = 0, mean = 0;
     for (uint32_t k = 0; k < MAP * MAP; k++) {
-        const float *at = &shine->step[k / MAP * (MAP + 1) + k % MAP];
-        middle += (double)shine->middle[k];
+        const float *at = &step[k / MAP * (MAP + 1) + k % MAP];
+        between += (double)middle[k];
         mean += 0.25 * (double)(at[0] + at[1] + at[MAP + 1] + at[MAP + 2]);
     }
-    return mean > 0 ? (float)((1 + 2 * middle / mean) / 3) : 1;
+    return mean > 0 ? (float)((1 + 2 * between / mean) / 3) : 1;
 }
 
 static void fill_map(const struct lw_emitter_clusters *clusters, struct lw_emitter_cluster *cluster) {
-    struct shine shine = {.step = {0}};
+    struct lw_vec3 direction[DIRECTIONS], middle[MAP * MAP];
+    float of_middle[MAP * MAP] = {0};
+    memset(cluster->map, 0, sizeof cluster->map);
+    list_directions(MAP + 1, 0, direction);
+    list_directions(MAP, 0.5f, middle);
     for (uint32_t i = cluster->first; i < cluster->first + cluster->count; i++) {
         const struct lw_emitter_side *side = &clusters->side[i];
-        add_side(&shine, lw_vec3_scale(normal_of(clusters, side), side_power(clusters, side)));
+        const struct lw_vec3 n = lw_vec3_scale(normal_of(clusters, side), side_power(clusters, side));
+        add_side(n, direction, DIRECTIONS, cluster->map);
+        add_side(n, middle, MAP * MAP, of_middle);
     }
-    const float gain = find_gain(&shine);
-    for (uint32_t k = 0; k < DIRECTIONS; k++) cluster->map[k] = gain * shine.step[k];
+    const float gain = find_gain(cluster->map, of_middle);
+    for (uint32_t k = 0; k < DIRECTIONS; k++) cluster->map[k] *= gain;
     cluster->intensity = 0;
     for (uint32_t k = 0; k < DIRECTIONS; k++) cluster->intensity = fmaxf(cluster->intensity, cluster->map[k]);
     if (!(cluster->intensity < INFINITY)) cluster->intensity = 0;

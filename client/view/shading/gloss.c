@@ -163,8 +163,8 @@ LW_WIDE static void weigh_all(const struct lw_gloss16 *restrict g, const float *
 
 /* Difference s of neighbours in a quad, over the samples of a pixel. Thin objects and edges have none. A lobe
  * that is wider than that shows no glints: s is lowered to s s / (s + alpha^2). */
-static void spread_all(const float (*restrict normal)[WIDTH], const float *restrict alpha, unsigned quads,
-                       float samples, float *restrict out) {
+LW_WIDE static void spread_all(const float (*restrict normal)[WIDTH], const float *restrict alpha,
+                               unsigned quads, float samples, float *restrict out) {
     const float share = 1 / most(samples, 1);
     for (unsigned i = 0; i < WIDTH; i++) {
         float sum = 0;

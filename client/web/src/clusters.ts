@@ -57,7 +57,7 @@ const direction = (column: number, row: number) => {
   return [x / length, y / length, z / length] as const;
 };
 
-/** Of the values of the map, and of the middles of its cells. */
+/** The directions of a grid of places: the values of the map, or the middles of its cells. */
 const grid = (side: number, first: number) =>
   Array.from({ length: side * side }, (_, k) => direction((k % side) + first, Math.floor(k / side) + first));
 const directions = grid(MAP_SIDE, 0);

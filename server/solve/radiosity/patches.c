@@ -1,6 +1,7 @@
 #include "server/solve/radiosity/patches.h"
 
 #include "common/base/invariant.h"
+#include "common/base/random.h"
 #include "server/solve/transport/ray_launch.h"
 
 #include <stdlib.h>

@@ -2,6 +2,7 @@
 
 #include "common/base/colour.h"
 #include "common/base/invariant.h"
+#include "common/base/random.h"
 #include "common/light/direction.h"
 
 #include <stdlib.h>

@@ -16,7 +16,7 @@
 #define FLAT_OFFSET 1e-3f
 #define FLAT_NORMAL 1e-4f
 
-/* lw_sample_points_spot() in 128ths: x | y << 8. */
+/* Spots in 128ths of the square: x | y << 8. */
 static const uint16_t spot_at[LW_SAMPLE_POINTS_SPOTS] = {
     0x0808, 0x4848, 0x6828, 0x2868, 0x5818, 0x1858, 0x3838, 0x7878, 0x7909, 0x3949, 0x1929, 0x5969, 0x2919,
     0x6959, 0x4939, 0x0979, 0x4505, 0x0545, 0x2525, 0x6565, 0x1515, 0x5555, 0x7535, 0x3575, 0x3d0d, 0x7d4d,
@@ -24,7 +24,10 @@ static const uint16_t spot_at[LW_SAMPLE_POINTS_SPOTS] = {
     0x1773, 0x1f0b, 0x5f4b, 0x7f2b, 0x3f6b, 0x4f1b, 0x0f5b, 0x2f3b, 0x6f7b, 0x2307, 0x6347, 0x4327, 0x0367,
     0x7317, 0x3357, 0x1337, 0x5377, 0x5b0f, 0x1b4f, 0x3b2f, 0x7b6f, 0x0b1f, 0x4b5f, 0x6b3f, 0x2b7f};
 
-uint32_t lw_sample_points_spot_128ths(uint32_t k) { return spot_at[k]; }
+struct lw_vec2 lw_sample_points_spot(uint32_t k) {
+    return (struct lw_vec2){(float)(spot_at[k] & 0xffu) * (1.0f / 128),
+                            (float)(spot_at[k] >> 8) * (1.0f / 128)};
+}
 
 /* An octahedral coordinate in [-1, 1] in 0..steps, and the integer next to it. */
 static float in_steps(float x, float steps) { return (x * 0.5f + 0.5f) * steps; }
@@ -103,9 +106,8 @@ void lw_sample_points_trim(struct lw_sample_points *points) {
 
 /* Where a plane has a spot, from the middle of the square. */
 static struct lw_vec3 place_spot(const struct lw_sample_points_plane *plane, uint32_t spot) {
-    const float x = (float)((int)(spot_at[spot] & 0xffu) - 64) * (1.0f / 128),
-                y = (float)((int)(spot_at[spot] >> 8) - 64) * (1.0f / 128);
-    return lw_vec3_mad(lw_vec3_scale(plane->right, x), plane->down, y);
+    const struct lw_vec2 at = lw_sample_points_spot(spot);
+    return lw_vec3_mad(lw_vec3_scale(plane->right, at.x - 0.5f), plane->down, at.y - 0.5f);
 }
 
 /* How far the points of a texel lie beside where a plane has them; INFINITY: it is not theirs. */

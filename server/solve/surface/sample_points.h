@@ -14,7 +14,6 @@
 #define LW_SURFACE_SAMPLE_POINTS_H
 
 #include "common/base/points16.h"
-#include "common/base/random.h"
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"
 
@@ -72,11 +71,7 @@ struct lw_sample_points_texel {
 
 /** Where spot k of LW_SAMPLE_POINTS_SPOTS lies in a texel's unit square. The first eight are in the middle of
  * their eighths in both directions, those that follow of their 64ths. */
-static inline struct lw_vec2 lw_sample_points_spot(uint32_t k) {
-    const float middle = k < LW_SAMPLE_POINTS_MAX ? 1.0f / 16 : 1.0f / 128;
-    return (struct lw_vec2){lw_random_unit(lw_random_reverse_bits(k)) + middle,
-                            lw_random_unit(lw_random_reverse_bits(lw_random_pascal(k))) + middle};
-}
+struct lw_vec2 lw_sample_points_spot(uint32_t k);
 
 /** Room for texels, not for their points yet. Returns false without memory; finish the
  * sample points in any case. */
@@ -102,9 +97,6 @@ void lw_sample_points_trim(struct lw_sample_points *points);
 
 /** Bytes held, after lw_sample_points_trim(). */
 size_t lw_sample_points_memory_bytes(const struct lw_sample_points *points, uint32_t texels);
-
-/** Where spot k lies in a texel's square, in 128ths: x | y << 8. */
-uint32_t lw_sample_points_spot_128ths(uint32_t k);
 
 /** A transform, made ready for many sample points. */
 struct lw_sample_points_frame {
