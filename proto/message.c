@@ -454,6 +454,7 @@ static void fill_scalars(union wire *wire, const struct lw_message *m) {
         wire->frame.shown_object = (uint32_t *)m->frame.shown;
         wire->frame.spares = (uint32_t)m->frame.spare_count;
         wire->frame.run = m->frame.run;
+        wire->frame.base_frame = m->frame.base;
         break;
     case LW_MESSAGE_TILE:
         wire->tile.object = m->tile.object;
@@ -949,6 +950,7 @@ static enum lw_status read_frame(const Lightwell__Wire__Frame *w, struct lw_mess
                                          .tiles_solved = w->tiles_solved,
                                          .server_cpu_ns = w->server_cpu_ns,
                                          .run = w->run,
+                                         .base = w->base_frame,
                                          .sky = {w->sky[0], w->sky[1], w->sky[2]},
                                          .transform_count = transforms,
                                          .light_count = lights};

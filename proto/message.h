@@ -182,7 +182,8 @@ struct lw_message_frame {
     size_t spare_count;                         /* the first ones of `hidden` are spares (scene.h) */
     const struct lw_message_material *material; /* as with transforms */
     size_t material_count;
-    uint64_t run; /* name of the run of versions and frames, as in a welcome; 0: unchanged */
+    uint64_t run;  /* name of the run of versions and frames, as in a welcome; 0: unchanged */
+    uint64_t base; /* the frame that changes are listed since; 0: all is listed, or not known */
 };
 
 struct lw_message_tile {

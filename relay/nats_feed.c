@@ -289,6 +289,14 @@ static bool lacks_nothing(const struct lw_nats_feed *feed) {
     return feed->streams && !feed->lacks_frame && !feed->lacks_any && !feed->syncs;
 }
 
+/* A FRAME that is new. One with changes since a FRAME that was lost is lost, too. */
+static enum lw_status take_frame(struct lw_nats_feed *feed, const struct lw_message_frame *frame,
+                                 const uint8_t *raw, size_t size) {
+    if (!frame->base || frame->base == feed->frame) return send_frame(feed, frame->frame, raw, size);
+    lack_all(feed);
+    return LW_OK;
+}
+
 /* is_answer: it was asked for: FRAMEs are whole */
 static enum lw_status take_light(struct lw_nats_feed *feed, struct lw_nats_wire_reader *reader,
                                  bool is_answer, bool *out_is_end) {
@@ -303,7 +311,7 @@ static enum lw_status take_light(struct lw_nats_feed *feed, struct lw_nats_wire_
         if (m.type == LW_MESSAGE_FRAME && (is_answer || !feed->lacks_frame)) {
             /* all parts of a frame that is new; after a loss, one that is not new tells that none was lost */
             if (m.frame.frame > feed->frame) {
-                status = send_frame(feed, m.frame.frame, raw, size + reader->left);
+                status = take_frame(feed, &m.frame, raw, size + reader->left);
                 reader->left = 0;
             } else
                 feed->lacks_frame &= !(is_answer && m.frame.frame == feed->frame);

@@ -596,8 +596,10 @@ static enum lw_status make_messages(struct lw_relay_light *light, const struct f
     struct lw_blob *full = NULL, *delta = NULL, *settled = NULL;
     struct lw_message_frame header = newest->header;
     header.run = light->run;
+    header.base = 0;
     const struct lw_message settled_message = {.type = LW_MESSAGE_SETTLED, .settled.frame = newest->frame};
     enum lw_status status = lw_frame_message_encode(light->scene, &newest->pose, NULL, &header, &full);
+    header.base = light->frame;
     if (status == LW_OK && light->frame)
         status = lw_frame_message_encode(light->scene, &newest->pose, &light->pose, &header, &delta);
     if (status == LW_OK) status = lw_blob_from_message(&settled_message, &settled);

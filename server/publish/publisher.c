@@ -743,6 +743,7 @@ static enum lw_status make_snapshot(struct lw_publisher *p, const struct lw_pose
     snapshot->time_s = frame->time_s;
     snapshot->previous_frame = p->previous_frame;
     status = lw_frame_message_encode(p->desc.scene, pose, NULL, frame, &snapshot->frame_full);
+    frame->base = p->previous_frame;
     if (status == LW_OK)
         status = lw_frame_message_encode(p->desc.scene, pose, &p->previous, frame, &snapshot->frame_delta);
     if (status == LW_OK)

@@ -145,6 +145,7 @@ static const struct golden {
                .payload_size = sizeof delta_payload,
                .base = 300}}},
     {"frame_cpu.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 2, .server_cpu_ns = 1500000000}}},
+    {"frame_base.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 7, .base = 5}}},
     {"frame_run.bin", {.type = LW_MESSAGE_FRAME, .frame = {.frame = 2, .run = 0x0123456789abcdef}}},
     {"hello_control.bin",
      {.type = LW_MESSAGE_HELLO,

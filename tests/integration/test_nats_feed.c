@@ -37,6 +37,8 @@ static unsigned sync_count;
 
 /* ---- the daemon ---- */
 
+static const char live_frame[] = "lightwell.room.live.0.frame";
+
 static void publish_to(const char *subject, const struct lw_message *message) {
     uint8_t payload[2000];
     size_t size = 0;
@@ -52,6 +54,11 @@ static void publish_to(const char *subject, const struct lw_message *message) {
 
 static void publish_frame(const char *subject) {
     publish_to(subject, &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame.frame = frame});
+}
+
+static void publish_changes(uint64_t base) {
+    publish_to(live_frame,
+               &(struct lw_message){.type = LW_MESSAGE_FRAME, .frame = {.frame = frame, .base = base}});
 }
 
 static void publish_settled(const char *subject) {
@@ -87,8 +94,6 @@ static void publish_lost(uint32_t tile) {
     lw_nats_wire_subject(subject, "room", "live.0.%u.%u", map.place[tile].object, map.place[tile].level);
     publish_tile(subject, tile, version[tile] - 1);
 }
-
-static const char live_frame[] = "lightwell.room.live.0.frame";
 
 /* To be called again and again. */
 static void stay_alive(void) {
@@ -182,6 +187,13 @@ static void expect_frame(bool serves, uint64_t number) {
     const struct lw_message m = next(serves);
     assert_int_equal(m.type, LW_MESSAGE_FRAME);
     assert_int_equal(m.frame.frame, number);
+}
+
+static void expect_changes(uint64_t base) {
+    const struct lw_message m = next(true);
+    assert_int_equal(m.type, LW_MESSAGE_FRAME);
+    assert_int_equal(m.frame.frame, frame);
+    assert_int_equal(m.frame.base, base);
 }
 
 static void expect_tile(uint32_t tile) {
@@ -331,12 +343,31 @@ static void an_answer_waits_for_lost_tiles(void **state) {
     expect_settled();
 }
 
+/* The changes of a frame got lost unnoticed: a later FRAME with changes does not stand for them, and an
+ * answer brings all. */
+static void changes_since_a_lost_frame_are_asked_for(void **state) {
+    (void)state;
+    solve(0);
+    publish_changes(frame - 1);
+    expect_changes(frame - 1);
+    solve(0); /* lost */
+    solve(2);
+    publish_changes(frame - 1);
+    expect_changes(0); /* the answer's */
+    expect_tile(1);
+    expect_settled();
+    solve(0);
+    publish_changes(frame - 1);
+    expect_changes(frame - 1);
+}
+
 int main(void) {
     if (!lw_nats_case_is_possible()) return 0;
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(another_epoch_is_asked_for, begin, end),
         cmocka_unit_test_setup_teardown(live_settled_waits_for_lost_tiles, begin, end),
         cmocka_unit_test_setup_teardown(an_answer_waits_for_lost_tiles, begin, end),
+        cmocka_unit_test_setup_teardown(changes_since_a_lost_frame_are_asked_for, begin, end),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

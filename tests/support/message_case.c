@@ -87,6 +87,7 @@ void message_case_expect_equal(const struct lw_message *a, const struct lw_messa
         for (size_t i = 0; i < a->frame.light_count; i++)
             assert_memory_equal(&a->frame.light[i], &b->frame.light[i], sizeof a->frame.light[i]);
         assert_int_equal(a->frame.hidden_count, b->frame.hidden_count);
+        assert_int_equal(a->frame.base, b->frame.base);
         assert_int_equal(a->frame.spare_count, b->frame.spare_count);
         assert_int_equal(a->frame.shown_count, b->frame.shown_count);
         for (size_t i = 0; i < a->frame.hidden_count; i++)

@@ -106,6 +106,7 @@ static const struct lw_message samples[] = {
     {.type = LW_MESSAGE_UPDATED, .updated = {FAR, LW_SCENE_CHANGE_DEGENERATE, 3, "no volume", 0, NULL, 0}},
     {.type = LW_MESSAGE_UPDATED, .updated = {1, 0, 0, NULL, FAR, visible, 3}},
     {.type = LW_MESSAGE_FRAME, .frame = {.frame = 1, .hidden = visible, .hidden_count = 2, .spare_count = 2}},
+    {.type = LW_MESSAGE_FRAME, .frame = {.frame = FAR, .base = FAR - 1}},
     {.type = LW_MESSAGE_ASK, .ask = {FAR, LW_ASK_STATS, 0}},
     {.type = LW_MESSAGE_ASK, .ask = {0, 77, LW_MESSAGE_RETRY_AFTER_MAX}},
     {.type = LW_MESSAGE_REPORT, .report = {FAR, LW_REPORT_DONE, bytes_of_data, sizeof bytes_of_data}},

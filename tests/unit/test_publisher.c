@@ -244,6 +244,12 @@ static void expect_object(const struct lw_blob *blob, size_t hidden, size_t spar
     lw_message_finish(&m);
 }
 
+static void expect_base(const struct lw_blob *blob, uint64_t base) {
+    struct lw_message m = frame_of(blob);
+    assert_int_equal(m.frame.base, base);
+    lw_message_finish(&m);
+}
+
 /* Its light is sent once all of it has been solved there, even if it is the light that was sent before. */
 static void test_an_object_that_was_a_spare(void **state) {
     (void)state;
@@ -259,6 +265,8 @@ static void test_an_object_that_was_a_spare(void **state) {
     s = publish(&w, 3);
     expect_object(s->frame_full, 1, 1, 0);
     expect_object(s->frame_delta, 0, 0, 0);
+    expect_base(s->frame_full, 0);
+    expect_base(s->frame_delta, 2);
     lw_snapshot_unref(s);
     w.pose.object_spare[0] = false; /* added, and hidden at once */
     s = publish(&w, 4);

@@ -95,7 +95,8 @@ static int end(void **state) {
 
 static void take_frame(uint32_t channel, uint64_t frame) {
     struct lw_error err = {0};
-    lw_support_ok(lw_relay_light_take_frame(light, channel, &(struct lw_message_frame){.frame = frame}, &err),
+    lw_support_ok(lw_relay_light_take_frame(
+                      light, channel, &(struct lw_message_frame){.frame = frame, .base = frame - 1}, &err),
                   &err);
 }
 
@@ -145,11 +146,12 @@ static void expect_tile(const struct lw_blob *blob, const struct lw_message_tile
     lw_message_finish(&m);
 }
 
-static void expect_run(const struct lw_blob *frame, uint64_t run) {
+static void expect_frame(const struct lw_blob *frame, uint64_t run, uint64_t base) {
     struct lw_message m;
     lw_support_ok(lw_message_decode_whole(frame->bytes, frame->size, &m), NULL);
     assert_int_equal(m.type, LW_MESSAGE_FRAME);
     assert_int_equal(m.frame.run, run);
+    assert_int_equal(m.frame.base, base);
     lw_message_finish(&m);
 }
 
@@ -338,7 +340,7 @@ static void another_run_counts_on(void **state) {
     lw_relay_light_begin(light, FULL);
     take_all(FULL, 5);
     struct lw_snapshot *s = snapshot();
-    expect_run(s->frame_full, 0);
+    expect_frame(s->frame_full, 0, 0);
     lw_snapshot_unref(s);
     assert_false(lw_relay_light_ahead(light));
     lw_relay_light_end(light, FULL);
@@ -356,8 +358,8 @@ static void another_run_counts_on(void **state) {
     take_settled(FULL, 1);
     s = snapshot();
     assert_true(s->frame == gap + 1 && s->previous_frame == 5);
-    expect_run(s->frame_full, 77);
-    expect_run(s->frame_delta, 77);
+    expect_frame(s->frame_full, 77, 0);
+    expect_frame(s->frame_delta, 77, 5);
     assert_int_equal(s->tile[FULL][0].version, 2 * gap + 2);
     assert_int_equal(s->tile[FULL][1].version, 10); /* the earlier run's */
     lw_snapshot_unref(s);
@@ -401,7 +403,7 @@ static void a_run_may_end_before_its_first_frame(void **state) {
     take_settled(FULL, 1);
     struct lw_snapshot *s = snapshot();
     assert_true(s->frame == 3 * gap + 1 && s->previous_frame == 5);
-    expect_run(s->frame_full, 79);
+    expect_frame(s->frame_full, 79, 0);
     lw_snapshot_unref(s);
 }
 
