@@ -72,15 +72,15 @@ void lw_nats_wire_subject(char dst[LW_NATS_WIRE_SUBJECT_SIZE], const char *scene
     LW_INVARIANT(length > 0 && more > 0 && (unsigned)(length + more) < LW_NATS_WIRE_SUBJECT_SIZE);
 }
 
-uint32_t lw_nats_wire_form(uint32_t channels) {
-    uint32_t form = UINT32_MAX;
+uint32_t lw_nats_wire_irradiance(uint32_t channels) {
+    uint32_t irradiance = UINT32_MAX;
     if (!channels || channels >> lw_tile_channels()->count) return UINT32_MAX;
     LW_TILE_CHANNELS_EACH (c, channels) {
         const uint32_t follows = lw_tile_channel_at(c)->follows;
-        if (form != UINT32_MAX && follows != form) return UINT32_MAX;
-        form = follows;
+        if (irradiance != UINT32_MAX && follows != irradiance) return UINT32_MAX;
+        irradiance = follows;
     }
-    return channels & lw_tile_channel_bit(form) ? form : UINT32_MAX;
+    return channels & lw_tile_channel_bit(irradiance) ? irradiance : UINT32_MAX;
 }
 
 /* ---- payloads ---- */

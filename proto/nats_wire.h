@@ -38,9 +38,9 @@ LW_MUST_CHECK enum lw_status lw_nats_wire_address(const char *text, struct lw_na
 void lw_nats_wire_subject(char dst[LW_NATS_WIRE_SUBJECT_SIZE], const char *scene, const char *rest, ...)
     __attribute__((format(printf, 3, 4)));
 
-/** The form of light of a set of channels, a bit for each, as `want` has it: one form, and channels that
+/** The irradiance of a set of channels, a bit for each, as `want` has it: one irradiance, and channels that
  * follow it. UINT32_MAX: it is no such set. */
-uint32_t lw_nats_wire_form(uint32_t channels);
+uint32_t lw_nats_wire_irradiance(uint32_t channels);
 
 /** What a payload begins with. */
 struct lw_nats_wire_prefix {

@@ -48,8 +48,8 @@ struct lw_nats_feed {
     bool greets, asked; /* HELLO, PACKAGE_REQUEST have come */
     bool has_finer;     /* the session reads finer levels, and there are some */
     bool streams;       /* light is sent */
-    uint32_t form;
-    uint32_t channel[LW_TILE_CHANNELS_MAX], channel_count; /* the form, and those that follow it */
+    uint32_t irradiance;
+    uint32_t channel[LW_TILE_CHANNELS_MAX], channel_count; /* the irradiance, and those that follow it */
     _Atomic bool is_alive;                                 /* lightwelld is there */
     uint64_t heard_ns; /* last sign of lightwelld; of the session while lightwelld is gone */
     uint64_t want_ns;  /* when the next `want` is due; 0: now */
@@ -329,7 +329,7 @@ static enum lw_status take_light(struct lw_nats_feed *feed, struct lw_nats_wire_
 static enum lw_status send_kept(struct lw_nats_feed *feed, natsMsg **tile, size_t tile_count) {
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     natsMsg *frame = NULL;
-    lw_nats_wire_subject(subject, feed->address.scene, "kept.%u.frame", feed->form);
+    lw_nats_wire_subject(subject, feed->address.scene, "kept.%u.frame", feed->irradiance);
     /* after the tiles: none is of a later frame */
     enum lw_status status = get_kept(feed, subject, &frame, NULL);
     if (status != LW_OK) return LW_OK; /* there is no light yet */
@@ -771,11 +771,11 @@ static enum lw_status take_hello(struct lw_nats_feed *feed, const struct lw_mess
         w->client_lights = w->client_materials = NULL;
         w->client_lights_size = w->client_materials_size = 0;
     }
-    feed->form = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    feed->irradiance = w->features & LW_FEATURE_DRAWS ? LW_TILE_CHANNEL_SPLIT : LW_TILE_CHANNEL_FULL;
     feed->channel_count = 0;
     const uint32_t channels = lw_tile_channels_for(w->features, UINT32_MAX);
     LW_TILE_CHANNELS_EACH (c, channels) feed->channel[feed->channel_count++] = c;
-    LW_INVARIANT(feed->channel_count && feed->channel[0] == feed->form);
+    LW_INVARIANT(feed->channel_count && feed->channel[0] == feed->irradiance);
     w->session = 1;
     feed->greets = true;
     return send_message(feed, &answer);
@@ -908,7 +908,7 @@ static enum lw_status begin_light(struct lw_nats_feed *feed) {
     enum lw_status status = make_room(feed);
     if (status != LW_OK) return status;
     const bool is_new = !holds_any(feed);
-    lw_nats_wire_subject(subject, feed->address.scene, "live.%u.frame", feed->form);
+    lw_nats_wire_subject(subject, feed->address.scene, "live.%u.frame", feed->irradiance);
     if (lw_nats_link_subscribe(feed->link, subject, &feed->frames) != LW_OK) return LW_UNAVAILABLE;
     feed->streams = true;
     if ((status = hear_interest(feed)) != LW_OK) return status;

@@ -249,29 +249,29 @@ static enum lw_status begin_newcomer(struct lw_relay *r, struct lw_relay_upstrea
     return status;
 }
 
-/* Without the mutex while it connects. draws: which form of light it is to bring */
+/* Without the mutex while it connects. draws: which irradiance it is to bring */
 static void connect_feed(struct lw_relay *r, bool draws) {
-    const uint32_t form = draws ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    const uint32_t irradiance = draws ? LW_TILE_CHANNEL_SPLIT : LW_TILE_CHANNEL_FULL;
     struct lw_relay_upstream *up = NULL;
     struct lw_error err = {0};
-    const struct lw_relay_upstream_desc desc = {.host = r->upstream[r->at].host,
-                                                .port = r->upstream[r->at].port,
-                                                .token = r->access.has_token ? &r->access.token : NULL,
-                                                .trust = r->trust,
-                                                .nats_trust = &r->access.tls,
-                                                .timeout_ms = r->timeout_ms,
-                                                .relay = r->number,
-                                                .has_light = r->has_scene &&
-                                                             lw_relay_light_has_first(r->scene.light, form),
-                                                .draws = draws,
-                                                .cache_folder = r->cache_folder};
+    const struct lw_relay_upstream_desc desc = {
+        .host = r->upstream[r->at].host,
+        .port = r->upstream[r->at].port,
+        .token = r->access.has_token ? &r->access.token : NULL,
+        .trust = r->trust,
+        .nats_trust = &r->access.tls,
+        .timeout_ms = r->timeout_ms,
+        .relay = r->number,
+        .has_light = r->has_scene && lw_relay_light_has_first(r->scene.light, irradiance),
+        .draws = draws,
+        .cache_folder = r->cache_folder};
     pthread_mutex_unlock(&r->mutex);
     enum lw_status status = lw_relay_upstream_create(&desc, &up, &err);
     pthread_mutex_lock(&r->mutex);
     if (status == LW_OK) {
         const struct lw_relay_welcome *welcome = lw_relay_upstream_welcome(up);
         const bool is_scene = r->has_scene && lw_relay_welcome_same_scene(welcome, &r->scene.welcome) &&
-                              lw_relay_upstream_channel(up) == form;
+                              lw_relay_upstream_channel(up) == irradiance;
         r->stats.connects++;
         snprintf(r->stats.address, sizeof r->stats.address, "%s", lw_relay_upstream_address(up));
         follow_relays(r, up);
@@ -300,13 +300,13 @@ static void connect_feed(struct lw_relay *r, bool draws) {
 static uint32_t choose_channels(struct lw_relay *r, uint64_t now_ns) {
     const uint32_t taken = r->server ? lw_server_channels_taken(r->server) : 0;
     uint32_t channels = taken;
-    for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT; c++) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNEL_IRRADIANCES; c++) {
         if (taken >> c & 1) r->taken_ns[c] = now_ns;
         if (r->feed[c] && r->taken_ns[c] && now_ns - r->taken_ns[c] < LW_RELAY_CHANNEL_LINGERS_MS * MS_NS)
             channels |= lw_tile_channel_bit(c);
     }
     if (channels) return channels;
-    for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT; c++)
+    for (uint32_t c = 0; c < LW_TILE_CHANNEL_IRRADIANCES; c++)
         if (r->feed[c]) return lw_tile_channel_bit(c);
     return lw_tile_channel_bit(r->main_channel);
 }
@@ -319,10 +319,10 @@ static void follow_channels(struct lw_relay *r) {
         return;
     }
     const uint32_t channels = choose_channels(r, now_ns);
-    for (uint32_t c = 0; c < LW_LIGHT_FORM_COUNT && !r->newcomer; c++) {
+    for (uint32_t c = 0; c < LW_TILE_CHANNEL_IRRADIANCES && !r->newcomer; c++) {
         if (r->feed[c] && !(channels >> c & 1)) close_upstream(r, &r->feed[c]);
         if (!r->feed[c] && channels >> c & 1 && lw_clock_ns() >= r->retry_ns)
-            connect_feed(r, c == LW_LIGHT_FORM_SPLIT);
+            connect_feed(r, c == LW_TILE_CHANNEL_SPLIT);
     }
 }
 
@@ -595,7 +595,7 @@ enum lw_status lw_relay_create(const struct lw_relay_desc *desc, struct lw_relay
     r->cache_folder = desc->cache_folder;
     r->timeout_ms = desc->timeout_ms ? desc->timeout_ms : TIMEOUT_DEFAULT_MS;
     r->wake = -1;
-    r->main_channel = LW_LIGHT_FORM_FULL;
+    r->main_channel = LW_TILE_CHANNEL_FULL;
     enum lw_status status = lw_tls_trust_create(&desc->access->tls, &r->trust, err);
     if (status == LW_OK) status = start(r, err);
     if (status != LW_OK) {

@@ -31,7 +31,7 @@ struct lw_relay_upstream {
     uint64_t features, package_compressed_size;
     uint64_t relays[LW_MESSAGE_RELAYS_MAX];
     uint32_t relay_count, retry_after_ms;
-    uint32_t channel, channels; /* the form of light that comes; that, and its directions: a bit for each */
+    uint32_t channel, channels; /* the irradiance that comes; that, and its directions: a bit for each */
     struct lw_download download, finish_download;
     struct lw_relay_scene scene; /* in the making; its light is the one below */
     struct lw_relay_light *light;
@@ -208,7 +208,7 @@ static enum lw_status handle_welcome(struct lw_relay_upstream *up, const struct 
     enum lw_status status = note_relays(up, w, err);
     if (status != LW_OK) return status;
     up->features = w->features;
-    up->channel = w->features & LW_FEATURE_DRAWS ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    up->channel = w->features & LW_FEATURE_DRAWS ? LW_TILE_CHANNEL_SPLIT : LW_TILE_CHANNEL_FULL;
     up->channels = lw_tile_channels_for(w->features, UINT32_MAX);
     up->package_compressed_size = w->package_compressed_size;
     up->welcome.run = w->run;

@@ -331,7 +331,7 @@ void lw_daemon_init(struct lw_daemon *d, int argc, char **argv, _Atomic bool *si
     *d = (struct lw_daemon){.argc = argc,
                             .argv = argv,
                             .signalled = signalled,
-                            .channels = 1u << LW_LIGHT_FORM_FULL,
+                            .channels = 1u << LW_TILE_CHANNEL_FULL,
                             .succession = {.sockets = {-1, -1, -1}}};
     lw_daemon_settings_init(&d->settings, signalled);
 }

@@ -199,7 +199,7 @@ static bool may_wait(const struct lw_daemon *d, enum lw_status status, const cha
 static enum lw_status show_channels(struct lw_daemon *d, uint32_t channels, struct lw_error *err) {
     if (channels == d->channels) return LW_OK;
     enum lw_status status = lw_publisher_set_channels(d->publisher, channels);
-    if (may_wait(d, status, "another form of the light", &d->owes_channel, err)) return LW_OK;
+    if (may_wait(d, status, "another channel", &d->owes_channel, err)) return LW_OK;
     if (status != LW_OK) return lw_status_fail(err, status, "publisher");
     d->solver->ops->choose_channels(d->solver, channels);
     d->channels = channels;

@@ -174,7 +174,7 @@ static void write_nats(struct lw_exposition *e, const struct lw_nats_publisher_s
         "1: the light is published at --nats; 0: NATS is gone, or another lightwelld publishes "
         "under that name.");
     lw_exposition_gauge(e, "lightwell_nats_relays", nats->relays,
-                        "Relays that want light by NATS; one that takes both forms of it counts twice.");
+                        "Relays that want light by NATS; one that takes both channels of it counts twice.");
     lw_exposition_counter(e, "lightwell_nats_published_messages_total", (double)nats->messages,
                           "Messages handed to NATS.");
     lw_exposition_counter(e, "lightwell_nats_published_bytes_total", (double)nats->bytes,

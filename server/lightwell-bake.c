@@ -64,7 +64,7 @@ struct baker {
     struct lw_pose pose;
     struct lw_client_lights left_out; /* the maps lack their direct light; zeroed: nobody's */
     char *left_out_names;             /* NULL likewise; apart by commas */
-    enum lw_light_form form;          /* the maps' */
+    uint32_t channel;                 /* the maps' channel */
     struct lw_solver *solver;
     struct lw_bake_desc bake;
     struct lw_bake_result result;
@@ -436,7 +436,7 @@ static enum lw_status choose_left_out(struct baker *b, struct lw_error *err) {
     FILE *out = open_memstream(&b->left_out_names, &size);
     if (!out) return out_of_memory(err);
     list_names(b, out);
-    b->form = LW_LIGHT_FORM_SPLIT;
+    b->channel = LW_TILE_CHANNEL_SPLIT;
     return fclose(out) == 0 ? LW_OK : out_of_memory(err);
 }
 
@@ -471,8 +471,8 @@ static enum lw_status read_scene(struct baker *b, struct lw_error *err) {
 static enum lw_status create_solver(struct baker *b, struct lw_error *err) {
     const struct settings *s = &b->settings;
     struct lw_solver_desc desc = solver_desc_of(b);
-    uint32_t channels = lw_light_form_bit(b->form);
-    if (s->directional) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + b->form);
+    uint32_t channels = lw_tile_channel_bit(b->channel);
+    if (s->directional) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + b->channel);
     if (b->by_tile) {
         struct lw_tile_by_tile_desc how = {
             .path = b->tiles_path, .channels = channels, .has_albedo = b->convention->times_albedo};
@@ -579,7 +579,7 @@ static enum lw_status build_directions(struct baker *b, const struct lw_map *irr
     const enum lw_direction_maps_kind kind = (enum lw_direction_maps_kind)b->settings.direction_form;
     struct lw_map normals = {0};
     enum lw_status status =
-        lw_map_build_directions(out_map, b->scene, &b->atlas_map, b->solver, b->form, irradiance, err);
+        lw_map_build_directions(out_map, b->scene, &b->atlas_map, b->solver, b->channel, irradiance, err);
     if (status != LW_OK) return status;
     if (kind != LW_DIRECTION_MAPS_OWN)
         status = lw_map_build_normals(&normals, b->scene, &b->atlas_map, &b->pose, b->solver,
@@ -640,14 +640,14 @@ static enum lw_status write_map(struct baker *b, uint32_t object, struct lw_erro
     struct lw_map map, irradiance = {0};
     struct lw_sides_shown shown = {0};
     enum lw_status status =
-        lw_map_build(&map, b->scene, &b->atlas_map, b->solver, b->form, object, b->convention, err);
+        lw_map_build(&map, b->scene, &b->atlas_map, b->solver, b->channel, object, b->convention, err);
     if (status != LW_OK) return status;
     const bool half = map.fits_half && !b->settings.as_float;
     b->maps_as_float += !map.fits_half;
     note_noise(b, &map);
     status = write_exr(b, &map, half, err);
     if (status == LW_OK && (b->settings.directional || b->settings.gltf_out))
-        status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, b->form, object,
+        status = lw_map_build(&irradiance, b->scene, &b->atlas_map, b->solver, b->channel, object,
                               lw_convention_get(LW_CONVENTION_IRRADIANCE), err);
     char *directions =
         b->settings.directional ? lw_folders_join(DIRECTIONS_FOLDER, b->names.file[object]) : NULL;

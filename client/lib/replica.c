@@ -115,7 +115,7 @@ static enum lw_status make_room(struct lw_replica *r, struct lw_error *err) {
     for (uint32_t o = 0; o < r->map.object_count; o++)
         r->unlit[o] = lw_scene_is_spare(r->scene, o) && r->map.atlas[o]->level_count > 0;
     count_coarsest(r);
-    return make_slot(r, LW_LIGHT_FORM_FULL, err);
+    return make_slot(r, LW_TILE_CHANNEL_FULL, err);
 }
 
 /* The rest, once scene and map are there. Takes r over. */
@@ -348,7 +348,7 @@ static enum lw_status keep_decoded(struct lw_replica *r, const struct slot *slot
     return LW_OK;
 }
 
-/* Irradiance is of another form: the old values would lack some light, or have it twice. */
+/* Irradiance is of another channel: the old values would lack some light, or have it twice. */
 static void drop_light(struct lw_replica *r, struct slot *slot) {
     memset(r->decoded, 0, sizeof r->decoded);
     for (uint32_t t = 0; t < r->map.tile_count; t++) {

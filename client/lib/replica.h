@@ -42,7 +42,7 @@ void lw_replica_begin_run(struct lw_replica *replica);
 uint64_t lw_replica_version_of_run(const struct lw_replica *replica, lw_tile_id tile);
 
 /** Tiles are of these channels from now on, at most one for each slot and one of irradiance. Tiles of
- * others are dropped. A new replica takes LW_LIGHT_FORM_FULL. Errors: LW_NO_MEMORY, LW_BAD_DATA for too
+ * others are dropped. A new replica takes LW_TILE_CHANNEL_FULL. Errors: LW_NO_MEMORY, LW_BAD_DATA for too
  * many texels. */
 LW_MUST_CHECK enum lw_status lw_replica_set_channels(struct lw_replica *replica, uint32_t channels,
                                                      struct lw_error *err);
@@ -54,7 +54,7 @@ lw_replica_take_frame(struct lw_replica *replica, const struct lw_message_frame 
 
 /** Decodes a tile into its level. Ignores a tile that is no newer than the one there, or of a layer that
  * is unknown or not taken.
- * Errors: LW_PROTOCOL for a place, codec or payload that makes no sense, or a tile of another form. */
+ * Errors: LW_PROTOCOL for a place, codec or payload that makes no sense, or a tile of another channel. */
 LW_MUST_CHECK enum lw_status lw_replica_take_tile(struct lw_replica *replica,
                                                   const struct lw_message_tile *tile, struct lw_error *err);
 

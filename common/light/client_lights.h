@@ -9,8 +9,8 @@
 #ifndef LW_COMMON_CLIENT_LIGHTS_H
 #define LW_COMMON_CLIENT_LIGHTS_H
 
-#include "common/light/light_form.h"
 #include "common/light/lights.h"
+#include "common/tile/tile_channels.h"
 
 #include <stddef.h>
 

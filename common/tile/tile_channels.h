@@ -4,8 +4,6 @@
 #ifndef LW_COMMON_TILE_CHANNELS_H
 #define LW_COMMON_TILE_CHANNELS_H
 
-#include "common/light/light_form.h"
-
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -16,11 +14,15 @@
 #define LW_TILE_CHANNELS_MAX       8u
 #define LW_TILE_CHANNEL_PLANES_MAX 3u /* planes of a channel */
 
-/** Numbers of channels, behind those of the forms of light. */
+/** Numbers of channels. FULL = SPLIT + the direct light of client lights (client_lights.h). */
 enum {
-    LW_TILE_CHANNEL_DIRECTION = LW_LIGHT_FORM_COUNT, /* all light */
-    LW_TILE_CHANNEL_DIRECTION_SPLIT                  /* all light but that of client lights */
+    LW_TILE_CHANNEL_FULL = 0,    /* irradiance: all light */
+    LW_TILE_CHANNEL_SPLIT = 1,   /* without the direct light of client lights, which a client draws itself */
+    LW_TILE_CHANNEL_IRRADIANCES, /* how many channels are irradiance: the first ones */
+    LW_TILE_CHANNEL_DIRECTION = LW_TILE_CHANNEL_IRRADIANCES, /* the direction of full irradiance */
+    LW_TILE_CHANNEL_DIRECTION_SPLIT                          /* the direction of split irradiance */
 };
+#define LW_TILE_CHANNELS_FULL (1u << LW_TILE_CHANNEL_FULL)
 
 /** Scale of values in the lossy codec. */
 enum lw_tile_coding {
@@ -40,15 +42,14 @@ struct lw_tile_channel {
     uint32_t slot; /* where a client keeps it: channels of one slot exclude each other; 0: irradiance */
     /* Only where the light of client lights is kept apart (client_lights.h). */
     bool parted;
-    /* The cosine moment of the form that it follows (direction_form.h): three planes, W/m^2, in world space.
-     * Only where the solver is asked for directions. Coded over that form's luminance. */
+    /* The cosine moment of the irradiance that it follows (direction_form.h): three planes, W/m^2, in world
+     * space. Only where the solver is asked for directions. Coded over the luminance of that irradiance. */
     bool moment;
-    /* The form of light whose edges and noise the filter goes by; of a form of light: itself. */
-    uint32_t follows;
+    uint32_t follows; /* the irradiance whose edges and noise the filter goes by; of irradiance: itself */
 };
 
 /** The number of a channel is its bit in sets of channels and, on the wire, Tile.layer: forever. The first
- * LW_LIGHT_FORM_COUNT are the forms of light. */
+ * LW_TILE_CHANNEL_IRRADIANCES are irradiance. */
 struct lw_tile_channels {
     uint32_t count;
     struct lw_tile_channel channel[LW_TILE_CHANNELS_MAX];

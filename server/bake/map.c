@@ -31,7 +31,8 @@ double lw_map_half_loss(const float *value, size_t count) {
 
 /* ---- from the solver's tiles ---- */
 
-/* Contents of a map: the light of a form by a convention; without one, a plain channel, or plain normals. */
+/* Contents of a map: the light of a channel by a convention; without one, a plain channel, or plain normals.
+ * */
 struct content {
     uint32_t channel;
     const struct lw_convention *convention;
@@ -173,9 +174,9 @@ static enum lw_status build(struct lw_map *map, const struct lw_scene *scene,
 
 enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
                             const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
-                            enum lw_light_form form, uint32_t object, const struct lw_convention *convention,
+                            uint32_t channel, uint32_t object, const struct lw_convention *convention,
                             struct lw_error *err) {
-    const struct content content = {.channel = form, .convention = convention};
+    const struct content content = {.channel = channel, .convention = convention};
     return build(map, scene, atlas_map, solver, object, &content, err);
 }
 
@@ -189,9 +190,9 @@ static void divide_by_light(struct lw_map *map, const struct lw_map *light) {
 
 enum lw_status lw_map_build_directions(struct lw_map *map, const struct lw_scene *scene,
                                        const struct lw_atlas_map *atlas_map, const struct lw_solver *solver,
-                                       enum lw_light_form form, const struct lw_map *irradiance,
+                                       uint32_t channel, const struct lw_map *irradiance,
                                        struct lw_error *err) {
-    const struct content moment = {.channel = LW_TILE_CHANNEL_DIRECTION + form};
+    const struct content moment = {.channel = LW_TILE_CHANNEL_DIRECTION + channel};
     enum lw_status status = build(map, scene, atlas_map, solver, irradiance->object, &moment, err);
     if (status == LW_OK) divide_by_light(map, irradiance);
     return status;
@@ -206,7 +207,7 @@ enum lw_status lw_map_build_normals(struct lw_map *map, const struct lw_scene *s
                                     .texel_count = mesh->atlas_width * mesh->atlas_height,
                                     .back_offset = mesh->back_offset};
     const struct content normals = {
-        .channel = LW_LIGHT_FORM_FULL, .normals = &texels, .to_world = &pose->object_to_world[object]};
+        .channel = LW_TILE_CHANNEL_FULL, .normals = &texels, .to_world = &pose->object_to_world[object]};
     enum lw_status status = lw_texels_rasterise(&texels, scene, mesh, false)
                                 ? build(map, scene, atlas_map, solver, object, &normals, err)
                                 : lw_status_fail(err, LW_NO_MEMORY, "the normals of object %u", object);

@@ -25,21 +25,20 @@ struct lw_map {
     bool fits_half;       /* see LW_MAP_HALF_LOSS_MAX; also: nothing beyond 65504 */
 };
 
-/** Builds the map of an object from the solver's tiles. form: one that the solver shows.
+/** Builds the map of an object from the solver's tiles. channel: one that the solver shows.
  * Errors: LW_NO_MEMORY; LW_INTERNAL: light that is not finite. */
 LW_MUST_CHECK enum lw_status lw_map_build(struct lw_map *map, const struct lw_scene *scene,
                                           const struct lw_atlas_map *atlas_map,
-                                          const struct lw_solver *solver, enum lw_light_form form,
-                                          uint32_t object, const struct lw_convention *convention,
-                                          struct lw_error *err);
+                                          const struct lw_solver *solver, uint32_t channel, uint32_t object,
+                                          const struct lw_convention *convention, struct lw_error *err);
 void lw_map_finish(struct lw_map *map);
 
 /** Builds the map of where the light of an object comes from: x, y and z of lw_direction_of(), world space
- * (common/light/direction_form.h). The solver shows the form's moment, too. Alpha is the light's.
- * irradiance: the object's, of this form. Errors: as lw_map_build(). */
+ * (common/light/direction_form.h). The solver shows the channel's moment, too. Alpha is the light's.
+ * irradiance: the object's, of this channel. Errors: as lw_map_build(). */
 LW_MUST_CHECK enum lw_status lw_map_build_directions(struct lw_map *map, const struct lw_scene *scene,
                                                      const struct lw_atlas_map *atlas_map,
-                                                     const struct lw_solver *solver, enum lw_light_form form,
+                                                     const struct lw_solver *solver, uint32_t channel,
                                                      const struct lw_map *irradiance, struct lw_error *err);
 
 /** Builds the map of plain normals of an object's texels, world space: shading normals, without normal maps.

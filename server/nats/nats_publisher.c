@@ -25,13 +25,13 @@
 #define KEEP_WAITING  1024u /* messages for JetStream that have no answer */
 #define KEEP_ANSWER_S 10u   /* for an answer of JetStream's */
 #define RETRY_MS      10000u
-#define FORMS         ((uint32_t)LW_LIGHT_FORM_COUNT)
+#define IRRADIANCES   ((uint32_t)LW_TILE_CHANNEL_IRRADIANCES)
 #define PATIENCE_MS   5000 /* for an answer of JetStream's API */
 
-/* What a relay wants of one form of light, and of the channels that follow it. */
+/* What a relay wants of one irradiance, and of the channels that follow it. */
 struct want {
     uint64_t relay, heard_ns;
-    uint32_t form, channels;
+    uint32_t irradiance, channels;
     bool everything;
     uint32_t *tile;
     size_t tile_count;
@@ -39,8 +39,8 @@ struct want {
     size_t fine_count;
 };
 
-struct form {
-    struct lw_snapshot *now; /* the last one that has this form; NULL: none yet */
+struct irradiance {
+    struct lw_snapshot *now; /* the last one that has this irradiance; NULL: none yet */
     uint64_t kept_frame;
 };
 
@@ -79,7 +79,7 @@ struct lw_nats_publisher {
     jsCtx *jetstream;
     natsSubscription *subscription[5];
     uint32_t epoch;
-    struct form form[FORMS];
+    struct irradiance irradiance[IRRADIANCES];
     struct channel channel[LW_TILE_CHANNELS_MAX];
     uint32_t served; /* channels that the light has: a bit for each */
     struct want want[LW_NATS_PUBLISHER_RELAYS_MAX];
@@ -100,19 +100,19 @@ struct lw_nats_publisher {
 
 /* ---- channels ---- */
 
-static uint32_t form_of(uint32_t channel) { return lw_tile_channel_at(channel)->follows; }
+static uint32_t irradiance_of(uint32_t channel) { return lw_tile_channel_at(channel)->follows; }
 
-/* A form of light, and the served channels that follow it. */
-static uint32_t family_of(const struct lw_nats_publisher *p, uint32_t form) {
+/* An irradiance, and the served channels that follow it. */
+static uint32_t family_of(const struct lw_nats_publisher *p, uint32_t irradiance) {
     uint32_t family = 0;
     LW_TILE_CHANNELS_EACH (c, p->served)
-        if (form_of(c) == form) family |= lw_tile_channel_bit(c);
+        if (irradiance_of(c) == irradiance) family |= lw_tile_channel_bit(c);
     return family;
 }
 
-/* The newest snapshot of a channel's form, if it has the channel; NULL: there are no such tiles now. */
+/* The newest snapshot of a channel's irradiance, if it has the channel; NULL: there are no such tiles now. */
 static const struct lw_snapshot *now_of(const struct lw_nats_publisher *p, uint32_t channel) {
-    const struct lw_snapshot *now = p->form[form_of(channel)].now;
+    const struct lw_snapshot *now = p->irradiance[irradiance_of(channel)].now;
     return now && lw_snapshot_has(now, channel) ? now : NULL;
 }
 
@@ -121,9 +121,10 @@ static bool is_to_keep(const struct lw_nats_publisher *p, uint32_t channel) {
     return now_of(p, channel) && p->channel[channel].keep_at < p->map->plain_count;
 }
 
-/* Whether all wanted tiles of a form's channels are there: SETTLED may follow them. */
-static bool is_settled(const struct lw_nats_publisher *p, const struct lw_snapshot *snapshot, uint32_t form) {
-    const uint32_t wanted = p->channels & family_of(p, form);
+/* Whether all wanted tiles of an irradiance's channels are there: SETTLED may follow them. */
+static bool is_settled(const struct lw_nats_publisher *p, const struct lw_snapshot *snapshot,
+                       uint32_t irradiance) {
+    const uint32_t wanted = p->channels & family_of(p, irradiance);
     return snapshot->settled && !(wanted & ~snapshot->channels) && !(snapshot->unsettled & wanted);
 }
 
@@ -229,7 +230,7 @@ static enum lw_status keep_surely(struct lw_nats_publisher *p, const struct lw_b
 
 static void forget_kept(struct lw_nats_publisher *p) {
     const uint32_t tiles = p->map->plain_count;
-    for (uint32_t f = 0; f < FORMS; f++) p->form[f].kept_frame = 0;
+    for (uint32_t f = 0; f < IRRADIANCES; f++) p->irradiance[f].kept_frame = 0;
     LW_TILE_CHANNELS_EACH (c, p->served) {
         if (p->channel[c].kept) memset(p->channel[c].kept, 0, tiles * sizeof *p->channel[c].kept);
         p->channel[c].keep_at = tiles;
@@ -304,17 +305,17 @@ static bool keep_tiles(struct lw_nats_publisher *p, uint32_t c) {
 }
 
 /* The FRAME goes first: no tile is of a later frame than it says. */
-static void keep_form(struct lw_nats_publisher *p, uint32_t f) {
-    struct form *form = &p->form[f];
+static void keep_irradiance(struct lw_nats_publisher *p, uint32_t f) {
+    struct irradiance *irradiance = &p->irradiance[f];
     const uint32_t family = family_of(p, f);
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     bool takes_more = true, is_due = false;
     LW_TILE_CHANNELS_EACH (c, family) is_due |= is_to_keep(p, c);
     if (!is_due) return;
-    if (form->kept_frame != form->now->frame) {
+    if (irradiance->kept_frame != irradiance->now->frame) {
         lw_nats_wire_subject(subject, p->address.scene, "kept.%u.frame", f);
-        if (!keep(p, form->now->frame_full, subject)) return;
-        form->kept_frame = form->now->frame;
+        if (!keep(p, irradiance->now->frame_full, subject)) return;
+        irradiance->kept_frame = irradiance->now->frame;
     }
     LW_TILE_CHANNELS_EACH (c, family)
         if (takes_more && is_to_keep(p, c)) takes_more = keep_tiles(p, c);
@@ -334,7 +335,7 @@ static void retry_keeping(struct lw_nats_publisher *p, const char *why) {
 static void note_kept(struct lw_nats_publisher *p) {
     if (!p->warned_keep || p->acks->waiting) return;
     LW_TILE_CHANNELS_EACH (c, p->served)
-        if (now_of(p, c) && (!p->form[form_of(c)].kept_frame || is_to_keep(p, c))) return;
+        if (now_of(p, c) && (!p->irradiance[irradiance_of(c)].kept_frame || is_to_keep(p, c))) return;
     lw_log(LW_LOG_INFO, "%s: light is kept there again", p->address.name);
     p->warned_keep = false;
 }
@@ -355,7 +356,7 @@ static void look_after_kept(struct lw_nats_publisher *p, uint64_t now_ns) {
         for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) p->channel[c].keep_at = 0;
         p->keep_ns = now_ns + LW_NATS_PUBLISHER_KEEP_MS * MS_NS;
     }
-    for (uint32_t f = 0; f < FORMS; f++) keep_form(p, f);
+    for (uint32_t f = 0; f < IRRADIANCES; f++) keep_irradiance(p, f);
 }
 
 /* ---- light ---- */
@@ -400,13 +401,13 @@ static void follow_fine(struct lw_nats_publisher *p, uint32_t f, const struct lw
 }
 
 /* What nobody wants is not published; who wants it later asks for what it lacks. */
-static void publish_form(struct lw_nats_publisher *p, uint32_t f, struct lw_snapshot *snapshot) {
-    struct form *form = &p->form[f];
+static void publish_irradiance(struct lw_nats_publisher *p, uint32_t f, struct lw_snapshot *snapshot) {
+    struct irradiance *irradiance = &p->irradiance[f];
     char subject[LW_NATS_WIRE_SUBJECT_SIZE];
     if (!lw_snapshot_has(snapshot, f)) return;
     follow_fine(p, f, snapshot);
     if (p->channels >> f & 1) {
-        const uint64_t last = form->now ? form->now->frame : 0;
+        const uint64_t last = irradiance->now ? irradiance->now->frame : 0;
         lw_nats_wire_subject(subject, p->address.scene, "live.%u.frame", f);
         if (snapshot->frame > last)
             publish_to(p, subject,
@@ -420,8 +421,8 @@ static void publish_form(struct lw_nats_publisher *p, uint32_t f, struct lw_snap
         }
         if (is_settled(p, snapshot, f)) publish_to(p, subject, snapshot->settled);
     }
-    lw_snapshot_unref(form->now);
-    form->now = lw_snapshot_ref(snapshot);
+    lw_snapshot_unref(irradiance->now);
+    irradiance->now = lw_snapshot_ref(snapshot);
 }
 
 static void take_snapshot(struct lw_nats_publisher *p) {
@@ -430,7 +431,7 @@ static void take_snapshot(struct lw_nats_publisher *p) {
     p->latest = NULL;
     pthread_mutex_unlock(&p->mutex);
     if (!snapshot) return;
-    for (uint32_t f = 0; f < FORMS; f++) publish_form(p, f, snapshot);
+    for (uint32_t f = 0; f < IRRADIANCES; f++) publish_irradiance(p, f, snapshot);
     lw_snapshot_unref(snapshot);
 }
 
@@ -480,10 +481,10 @@ static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wi
                                   const char *reply) {
     const uint8_t *channel_byte = lw_nats_wire_read_bytes(reader, 1);
     if (!channel_byte || *channel_byte >= lw_tile_channels()->count) return LW_PROTOCOL;
-    const uint32_t c = *channel_byte, f = form_of(c);
+    const uint32_t c = *channel_byte, f = irradiance_of(c);
     const struct lw_snapshot *now = now_of(p, c);
     enum lw_status status = LW_OK;
-    if (p->form[f].now) publish_to(p, reply, p->form[f].now->frame_full);
+    if (p->irradiance[f].now) publish_to(p, reply, p->irradiance[f].now->frame_full);
     while (status == LW_OK && reader->left) {
         struct lw_message message;
         const uint8_t *raw;
@@ -499,9 +500,9 @@ static enum lw_status answer_sync(struct lw_nats_publisher *p, struct lw_nats_wi
     return status;
 }
 
-static struct want *find_want(struct lw_nats_publisher *p, uint64_t relay, uint32_t form) {
+static struct want *find_want(struct lw_nats_publisher *p, uint64_t relay, uint32_t irradiance) {
     for (struct want *w = p->want; w < p->want + p->want_count; w++)
-        if (w->relay == relay && w->form == form) return w;
+        if (w->relay == relay && w->irradiance == irradiance) return w;
     if (p->want_count == LW_NATS_PUBLISHER_RELAYS_MAX) {
         if (!p->warned_relays)
             lw_log(LW_LOG_WARNING, "%s: more than %u relays: what further ones want is not heard",
@@ -509,7 +510,7 @@ static struct want *find_want(struct lw_nats_publisher *p, uint64_t relay, uint3
         p->warned_relays = true;
         return NULL;
     }
-    p->want[p->want_count] = (struct want){.relay = relay, .form = form};
+    p->want[p->want_count] = (struct want){.relay = relay, .irradiance = irradiance};
     p->wants_changed = true;
     return &p->want[p->want_count++];
 }
@@ -563,10 +564,10 @@ static bool is_same_want(const struct want *a, const struct want *b) {
 static enum lw_status read_want(const struct lw_nats_publisher *p, struct lw_nats_wire_reader *reader,
                                 struct want *out_want) {
     const uint8_t *head = lw_nats_wire_read_bytes(reader, 9), *raw;
-    const uint32_t form = head ? lw_nats_wire_form(head[8]) : UINT32_MAX;
+    const uint32_t irradiance = head ? lw_nats_wire_irradiance(head[8]) : UINT32_MAX;
     struct lw_message message;
     size_t size;
-    if (form == UINT32_MAX) return LW_PROTOCOL;
+    if (irradiance == UINT32_MAX) return LW_PROTOCOL;
     enum lw_status status = lw_nats_wire_read(reader, &message, &raw, &size);
     if (status != LW_OK || !raw) return status == LW_OK ? LW_PROTOCOL : status;
     status = message.type == LW_MESSAGE_INTEREST && !reader->left
@@ -576,7 +577,7 @@ static enum lw_status read_want(const struct lw_nats_publisher *p, struct lw_nat
     if (status != LW_OK) return status;
     memcpy(&out_want->relay, head, sizeof out_want->relay); /* a name: any order of bytes does */
     out_want->heard_ns = lw_clock_ns();
-    out_want->form = form;
+    out_want->irradiance = irradiance;
     out_want->channels = head[8];
     return LW_OK;
 }
@@ -585,7 +586,7 @@ static enum lw_status take_want(struct lw_nats_publisher *p, struct lw_nats_wire
     struct want next;
     const enum lw_status status = read_want(p, reader, &next);
     if (status != LW_OK) return status;
-    struct want *want = find_want(p, next.relay, next.form);
+    struct want *want = find_want(p, next.relay, next.irradiance);
     if (!want) {
         free_wanted(&next);
         return LW_OK;
@@ -945,7 +946,7 @@ void lw_nats_publisher_destroy(struct lw_nats_publisher *p) {
     for (uint32_t i = 0; i < p->want_count; i++) free_wanted(&p->want[i]);
     lw_fine_wishes_finish(&p->wishes);
     lw_relay_reports_finish(&p->relay_reports);
-    for (uint32_t f = 0; f < FORMS; f++) lw_snapshot_unref(p->form[f].now);
+    for (uint32_t f = 0; f < IRRADIANCES; f++) lw_snapshot_unref(p->irradiance[f].now);
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++) {
         lw_fine_index_finish(&p->channel[c].fine);
         free(p->channel[c].kept);

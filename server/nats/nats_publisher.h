@@ -17,12 +17,12 @@
 #include "server/serve/metrics/relay_tree.h"
 
 #define LW_NATS_PUBLISHER_KEEP_MS    5000u /* the newest whole of a tile that changes is kept so often */
-#define LW_NATS_PUBLISHER_RELAYS_MAX 256u  /* relays at a time; each form of light counts */
+#define LW_NATS_PUBLISHER_RELAYS_MAX 256u  /* relays at a time; each irradiance counts */
 #define LW_NATS_PUBLISHER_FINE_MAX   2048u /* tiles of finer levels that the solver is asked for */
 
 /** What relays want, all of them together. */
 struct lw_nats_publisher_wants {
-    uint32_t channels;    /* a bit for each: forms of light, and where it comes from */
+    uint32_t channels;    /* a bit for each: channels of irradiance, and where it comes from */
     bool everything;      /* then there is no list */
     const uint32_t *tile; /* ids of no finer level, each once */
     size_t tile_count;
@@ -51,7 +51,7 @@ struct lw_nats_publisher_desc {
 struct lw_nats_publisher_stats {
     bool is_connected;
     bool is_stood_down; /* another lightwelld publishes under this name */
-    uint32_t relays;    /* with interest; one that takes two forms of light counts twice */
+    uint32_t relays;    /* with interest; one that takes two channels of irradiance counts twice */
     uint64_t messages, bytes, kept, failures, requests, refused_messages;
 };
 

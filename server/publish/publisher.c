@@ -37,7 +37,7 @@ struct worker {
     struct lw_tile_codec *codec;
     uint8_t *payload, *delta; /* lw_tile_codec_bound() each */
     float value[LW_TILE_TEXELS_MAX * LW_TILE_CHANNEL_PLANES_MAX];
-    float light[LW_TILE_TEXELS_MAX * 3]; /* the form that a moment belongs to */
+    float light[LW_TILE_TEXELS_MAX * 3]; /* the irradiance that a moment belongs to */
     uint8_t covered[LW_TILE_TEXELS_MAX];
     struct {
         uint64_t tiles, bytes;
@@ -114,7 +114,7 @@ static enum lw_status create_channel(const struct lw_atlas_map *map, const bool 
     if (!channel) return LW_NO_MEMORY;
     channel->number = number;
     channel->is = lw_tile_channel_at(number);
-    const bool is_part = channel->is->coding == LW_TILE_CODING_LIGHT && number != LW_LIGHT_FORM_FULL;
+    const bool is_part = channel->is->coding == LW_TILE_CODING_LIGHT && number != LW_TILE_CHANNEL_FULL;
     channel->levels = calloc((size_t)map->object_count + 1, sizeof *channel->levels);
     channel->sent = calloc((size_t)map->tile_count + 1, sizeof *channel->sent);
     channel->changed = calloc((size_t)map->object_count + 1, sizeof *channel->changed);
@@ -137,7 +137,7 @@ static enum lw_status create_channel(const struct lw_atlas_map *map, const bool 
 enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channels) {
     struct channel *made[LW_TILE_CHANNELS_MAX] = {0};
     LW_INVARIANT(channels >> LW_TILE_CHANNELS_MAX == 0);
-    LW_TILE_CHANNELS_EACH (moment, channels) /* which is coded over its form */
+    LW_TILE_CHANNELS_EACH (moment, channels) /* which is coded over its irradiance */
         channels |= lw_tile_channel_bit(lw_tile_channel_at(moment)->follows);
     enum lw_status status = LW_OK;
     for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
@@ -204,7 +204,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
         if (!(p->worker[i].payload = malloc(lw_tile_codec_bound()))) goto fail;
         if (!(p->worker[i].delta = malloc(lw_tile_codec_bound()))) goto fail;
     }
-    if ((status = lw_publisher_set_channels(p, 1u << LW_LIGHT_FORM_FULL)) != LW_OK) goto fail;
+    if ((status = lw_publisher_set_channels(p, 1u << LW_TILE_CHANNEL_FULL)) != LW_OK) goto fail;
     *out_publisher = p;
     return LW_OK;
 fail:
@@ -429,7 +429,7 @@ static enum lw_status encode_tile(const struct lw_publisher *p, struct worker *w
         sent->history, worker->payload, worker->delta, lw_tile_codec_bound(), out_coded);
 }
 
-/* Both forms of the tile as messages; out_delta NULL if one is enough. */
+/* The tile whole and as a delta, as messages; out_delta NULL if one is enough. */
 static enum lw_status make_tile_blobs(const struct lw_publisher *p, struct worker *worker,
                                       const struct sent_tile *sent, struct lw_message_tile *tile,
                                       const struct lw_tile_dct_coded *coded, struct lw_blob **out_blob,
@@ -546,8 +546,8 @@ static void divide_by_light(struct worker *worker, const struct lw_tile_place *p
 static void store_tile(const struct lw_publisher *p, const struct channel *channel,
                        const struct lw_tile_place *place, struct worker *worker) {
     if (channel->is->moment) {
-        const struct channel *form = p->channel[channel->is->follows];
-        lw_levels_store_tile(&form->levels[place->object], place, worker->light, worker->covered);
+        const struct channel *irradiance = p->channel[channel->is->follows];
+        lw_levels_store_tile(&irradiance->levels[place->object], place, worker->light, worker->covered);
     }
     lw_levels_store_tile(&channel->levels[place->object], place, worker->value, worker->covered);
     if (channel->is->moment) divide_by_light(worker, place);
@@ -577,25 +577,25 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
 /* The pyramids that encoding an object's tiles of a channel reads. */
 static void ensure_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
                           uint32_t object) {
-    struct channel *form = channel->is->moment ? p->channel[channel->is->follows] : NULL;
+    struct channel *irradiance = channel->is->moment ? p->channel[channel->is->follows] : NULL;
     if (worker->status == LW_OK && lw_levels_are_dropped(&channel->levels[object]))
         worker->status = restore_levels(p, worker, channel, object);
-    if (worker->status == LW_OK && form && lw_levels_are_dropped(&form->levels[object]))
-        worker->status = restore_levels(p, worker, form, object);
+    if (worker->status == LW_OK && irradiance && lw_levels_are_dropped(&irradiance->levels[object]))
+        worker->status = restore_levels(p, worker, irradiance, object);
 }
 
 /* Pyramids are made again for an object that does not keep them, for as long as its tiles are encoded. */
 static void encode_object(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
                           uint32_t object, uint64_t frame) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
-    struct channel *form = channel->is->moment ? p->channel[channel->is->follows] : NULL;
+    struct channel *irradiance = channel->is->moment ? p->channel[channel->is->follows] : NULL;
     const uint32_t first = map->first_tile[object],
                    end = object + 1 < map->object_count ? map->first_tile[object + 1] : map->plain_count;
     if (!has_channel(p, channel, object)) return;
     ensure_levels(p, worker, channel, object);
     for (uint32_t id = first; id < end; id++) consider_tile(p, worker, channel, (lw_tile_id){id}, frame);
     lw_levels_drop(&channel->levels[object]);
-    if (form) lw_levels_drop(&form->levels[object]);
+    if (irradiance) lw_levels_drop(&irradiance->levels[object]);
 }
 
 static void encode_tiles(struct lw_publisher *p, struct channel *channel, uint64_t frame) {
@@ -803,8 +803,8 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
             stats.tiles_encoded += p->worker[i].encoded[f].tiles;
             stats.bytes_encoded += p->worker[i].encoded[f].bytes;
         }
-        stats.split_tiles_encoded += p->worker[i].encoded[LW_LIGHT_FORM_SPLIT].tiles;
-        stats.split_bytes_encoded += p->worker[i].encoded[LW_LIGHT_FORM_SPLIT].bytes;
+        stats.split_tiles_encoded += p->worker[i].encoded[LW_TILE_CHANNEL_SPLIT].tiles;
+        stats.split_bytes_encoded += p->worker[i].encoded[LW_TILE_CHANNEL_SPLIT].bytes;
         p->saturated += p->worker[i].saturated;
     }
     uint64_t t2 = lw_clock_ns();

@@ -62,7 +62,7 @@ struct lw_publisher_desc {
 struct lw_publisher_stats {
     uint64_t tiles_encoded;
     uint64_t bytes_encoded; /* in this frame, for a client that has the previous tiles */
-    uint64_t split_tiles_encoded, split_bytes_encoded; /* the part of LW_LIGHT_FORM_SPLIT */
+    uint64_t split_tiles_encoded, split_bytes_encoded; /* the part of LW_TILE_CHANNEL_SPLIT */
     uint64_t levels_ns, encode_ns;
     uint64_t saturated; /* values that did not fit the tile codec's range, so far */
 };
@@ -74,7 +74,7 @@ LW_MUST_CHECK enum lw_status lw_publisher_create(const struct lw_publisher_desc 
                                                  struct lw_publisher **out_publisher);
 void lw_publisher_destroy(struct lw_publisher *publisher);
 
-/** Sets the channels that are published from the next frame on: bit for each, LW_LIGHT_FORM_FULL alone at
+/** Sets the channels that are published from the next frame on: bit for each, LW_TILE_CHANNEL_FULL alone at
  * first. The solver must show them (solver.h). The next snapshot has a new version of every tile of a newly
  * published channel. The state of a channel that is no longer published is freed. Errors: LW_NO_MEMORY; then
  * nothing has changed. */

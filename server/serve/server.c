@@ -389,14 +389,14 @@ static bool any_bit(const uint8_t *bits, size_t size) {
     return false;
 }
 
-/* The split form of light is served where clients may draw any. */
+/* Split irradiance is served where clients may draw any. */
 static enum lw_status init_channels(struct lw_server *server, const struct lw_server_desc *desc) {
     struct lw_message_welcome *welcome = &server->shared.welcome;
     uint32_t *served = &server->shared.channels.served;
-    *served = desc->channels | lw_light_form_bit(LW_LIGHT_FORM_FULL);
+    *served = desc->channels | lw_tile_channel_bit(LW_TILE_CHANNEL_FULL);
     if (any_bit(desc->client_lights, desc->client_lights_size) ||
         any_bit(desc->client_materials, desc->client_materials_size)) {
-        *served |= lw_light_form_bit(LW_LIGHT_FORM_SPLIT);
+        *served |= lw_tile_channel_bit(LW_TILE_CHANNEL_SPLIT);
         if (*served >> LW_TILE_CHANNEL_DIRECTION & 1) *served |= 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT;
         welcome->client_lights = desc->client_lights;
         welcome->client_lights_size = desc->client_lights_size;

@@ -77,7 +77,7 @@ struct lw_server_desc {
     uint64_t features;       /* LW_FEATURE_* that a client must have to decode tiles */
     uint32_t channels;       /* channels of tiles in snapshots, beside irradiance (tile_channels.h) */
     /* For the welcome: bit sets of client lights and materials (message.h). All zero: there is no
-     * LW_LIGHT_FORM_SPLIT. They outlive the server. */
+     * LW_TILE_CHANNEL_SPLIT. They outlive the server. */
     const uint8_t *client_lights, *client_materials;
     size_t client_lights_size, client_materials_size;
     /* Progress of the first light, for waiting sessions; outlives the server. NULL: sessions hear none. */

@@ -12,7 +12,7 @@
 /* State of a solver that a checkpoint keeps. */
 struct remembered {
     uint32_t frames, frames_since_move, moves;
-    uint32_t judges_split; /* errors are those of the split form */
+    uint32_t judges_split; /* errors are those of split irradiance */
 };
 
 static bool judges_split(const struct lw_cell_solver *s) { return s->tiles.judged_spread != s->tiles.spread; }

@@ -358,7 +358,7 @@ enum lw_status lw_coarse_first_create(const struct lw_solvers_entry *entry, cons
     s->scene = desc->scene;
     s->map = desc->atlas_map;
     s->builder.entry = entry;
-    s->channels = lw_tile_channel_bit(LW_LIGHT_FORM_FULL);
+    s->channels = lw_tile_channel_bit(LW_TILE_CHANNEL_FULL);
     s->whole_since = calloc(s->map->plain_count + 1ul, sizeof *s->whole_since);
     enum lw_status status = s->whole_since ? init_builder(&s->builder, desc, pose) : LW_NO_MEMORY;
     if (status == LW_OK) status = lw_coarse_scene_init(&s->coarse_scene, desc->scene);

@@ -60,7 +60,7 @@ struct layers {
     /* A movement has begun and not gone on, and not all that it has changed was solved since. */
     bool onset;
     uint32_t yield_frames; /* frames in a row in which a layer has waited for another */
-    bool shows_all;        /* a form is new: the next frame shows everything */
+    bool shows_all;        /* an irradiance is new: the next frame shows everything */
     bool sums;             /* shown light is in the planes below; else it is the one layer's own */
     uint32_t channels;     /* shown ones (tile_channels.h) */
     float *direct[3], *indirect[3];
@@ -257,10 +257,10 @@ static float moment_weight(const struct layer *layer, const float *const *light,
 /* The sum of the cosine moments of a tile; returns whether it is another than before. */
 static bool sum_moments(const struct layers *s, lw_tile_id id, uint32_t channel) {
     const struct lw_solve_tile *place = tile_of(s->layer, id);
-    const uint32_t form = lw_tile_channel_at(channel)->follows;
+    const uint32_t irradiance = lw_tile_channel_at(channel)->follows;
     float sum[3][LW_TILE_SIDE * LW_TILE_SIDE] = {{0}};
     for (const struct layer *layer = s->layer; layer < s->layer + s->count; layer++) {
-        const float *const *light = (const float *const *)tiles_of(layer)->shown[form];
+        const float *const *light = (const float *const *)tiles_of(layer)->shown[irradiance];
         const float *const *moment = (const float *const *)tiles_of(layer)->shown[channel];
         const bool is_grey = layer->weight[0] == layer->weight[1] && layer->weight[1] == layer->weight[2];
         if (is_off(layer)) continue;
@@ -628,7 +628,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
         out_tile->direct[c] = s->direct[c] + first;
         out_tile->indirect[c] = s->indirect[c] + first;
     }
-    LW_TILE_CHANNELS_EACH (channel, s->channels | LW_LIGHT_FORMS_FULL)
+    LW_TILE_CHANNELS_EACH (channel, s->channels | LW_TILE_CHANNELS_FULL)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             out_tile->shown[channel][p] = s->shown[channel][p] + first;
     for (uint32_t k = 1; k < s->count; k++) {
@@ -780,7 +780,7 @@ enum lw_status lw_light_layers_create(const struct lw_solver_desc *desc, const s
     s->desc = *desc;
     s->threads = desc->threads ? (int)desc->threads : omp_get_max_threads();
     s->still_frames = LW_CELL_LAYER_FADE_FRAMES;
-    s->channels = LW_LIGHT_FORMS_FULL;
+    s->channels = LW_TILE_CHANNELS_FULL;
     enum lw_status status = lw_light_groups_copy(&s->groups, desc->light_groups, desc->scene);
     status = status == LW_OK ? build(s, pose, err) : lw_status_fail(err, status, "groups of lights");
     if (status != LW_OK) {

@@ -23,7 +23,7 @@ static enum lw_status set_up_denoise(struct lw_shown *s, struct lw_error *err) {
 }
 
 enum lw_status lw_shown_init(struct lw_shown *s, struct lw_error *err) {
-    s->channels = LW_LIGHT_FORMS_FULL;
+    s->channels = LW_TILE_CHANNELS_FULL;
     enum lw_status status = find_seams(s, err);
     return status == LW_OK && s->filters ? set_up_denoise(s, err) : status;
 }
@@ -84,7 +84,7 @@ void lw_shown_read_tile(const struct lw_shown *s, lw_tile_id id, uint32_t bounce
         out_tile->indirect[c] = tiles->indirect[c] + tile->first;
         out_tile->albedo[c] = tile->mesh->albedo[c] ? tile->mesh->albedo[c] + tile->local : NULL;
     }
-    LW_TILE_CHANNELS_EACH (channel, s->channels | LW_LIGHT_FORMS_FULL)
+    LW_TILE_CHANNELS_EACH (channel, s->channels | LW_TILE_CHANNELS_FULL)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             out_tile->shown[channel][p] = tiles->shown[channel][p] + tile->first;
 }

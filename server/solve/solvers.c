@@ -20,7 +20,7 @@ static enum lw_status create_cells(const struct lw_solver_desc *desc, const stru
                               : lw_cell_layer_create(NULL, desc, pose, out_solver, err);
 }
 
-#define BOTH_FORMS (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT)
+#define BOTH_FORMS (1u << LW_TILE_CHANNEL_FULL | 1u << LW_TILE_CHANNEL_SPLIT)
 #define DIRECTIONS (1u << LW_TILE_CHANNEL_DIRECTION | 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT)
 
 static const struct lw_solvers_entry table[] = {

@@ -293,7 +293,7 @@ enum lw_status lw_sparse_solver_create(const struct lw_solvers_entry *entry,
     s->base.ops = &ops;
     s->scene = desc->scene;
     s->map = desc->atlas_map;
-    s->channels = lw_tile_channel_bit(LW_LIGHT_FORM_FULL);
+    s->channels = lw_tile_channel_bit(LW_TILE_CHANNEL_FULL);
     s->is_coarse_due = true;
     enum lw_status status = lw_coarse_scene_init(&s->coarse_scene, desc->scene);
     if (status == LW_OK) status = make_map(s);

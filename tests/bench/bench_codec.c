@@ -69,7 +69,7 @@ static enum lw_status take_object(struct job *job, uint32_t object, struct tile 
     float rgb[LW_TILE_TEXELS_MAX * 3];
     uint8_t covered[LW_TILE_TEXELS_MAX];
     struct lw_levels levels;
-    enum lw_status status = lw_levels_init(&levels, LW_LIGHT_FORM_FULL, atlas);
+    enum lw_status status = lw_levels_init(&levels, LW_TILE_CHANNEL_FULL, atlas);
     if (status != LW_OK) return status;
     for (uint32_t i = first; i < first + atlas->tile_count && !job->map.place[i].level; i++) {
         struct lw_solver_tile tile;

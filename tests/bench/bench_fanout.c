@@ -112,12 +112,12 @@ static void make_blobs(struct bench *b) {
 /* Nobody decodes: the bytes may be the same in every version. */
 static void publish(struct bench *b, uint64_t frame) {
     struct lw_snapshot *snapshot;
-    if (lw_snapshot_create(b->map.tile_count, 1u << LW_LIGHT_FORM_FULL, &snapshot) != LW_OK)
+    if (lw_snapshot_create(b->map.tile_count, 1u << LW_TILE_CHANNEL_FULL, &snapshot) != LW_OK)
         give_up("a snapshot");
     snapshot->frame = frame;
     snapshot->frame_full = lw_blob_ref(b->frame);
     for (uint32_t t = 0; t < b->map.tile_count; t++)
-        snapshot->tile[LW_LIGHT_FORM_FULL][t] =
+        snapshot->tile[LW_TILE_CHANNEL_FULL][t] =
             (struct lw_snapshot_tile){.version = frame, .blob = lw_blob_ref(b->blob[t])};
     lw_server_publish(b->server, snapshot);
     lw_snapshot_unref(snapshot);

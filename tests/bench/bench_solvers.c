@@ -582,7 +582,7 @@ static double indirect_error(const struct job *job, const struct lw_solver *solv
 }
 
 static void shown_light(const struct lw_solver_tile *tile, uint32_t i, float *out) {
-    for (int c = 0; c < 3; c++) out[c] = tile->shown[LW_LIGHT_FORM_FULL][c][i];
+    for (int c = 0; c < 3; c++) out[c] = tile->shown[LW_TILE_CHANNEL_FULL][c][i];
 }
 
 /* Filtered and welded. */

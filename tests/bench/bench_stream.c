@@ -83,7 +83,7 @@ struct job {
     struct lw_client_lights drawn; /* by the client; nothing with --direct tiles */
     uint8_t *light_bits, *material_bits;
     size_t light_bytes, material_bytes;
-    enum lw_light_form form;
+    uint32_t channel;
     struct lw_levels *levels; /* per object */
     struct lw_client_tile *tile;
     struct lw_levels *sent_levels; /* as it was when it was last sent, uncoded */
@@ -164,7 +164,7 @@ static void copy_tile(const struct lw_levels *from, struct lw_levels *to, const 
 
 static enum lw_status take_sent(struct job *job, const struct lw_snapshot *snapshot, struct lw_error *err) {
     for (uint32_t id = 0; id < snapshot->tile_count; id++) {
-        const struct lw_snapshot_tile *tile = &snapshot->tile[job->form][id];
+        const struct lw_snapshot_tile *tile = &snapshot->tile[job->channel][id];
         if (tile->version != lw_snapshot_version(snapshot->frame)) continue;
         const struct lw_tile_place *place = &job->map.place[id];
         copy_tile(&job->levels[place->object], &job->sent_levels[place->object], place);
@@ -252,8 +252,10 @@ static enum lw_status open_light(struct job *job, struct light *light, struct lw
                                                                  .step_widest = (float)s->step_widest,
                                                                  .threads = (unsigned)s->open.threads},
                                      &light->publisher);
-    if (status == LW_OK) status = lw_publisher_set_channels(light->publisher, lw_light_form_bit(job->form));
-    if (status == LW_OK) light->solver->ops->choose_channels(light->solver, lw_light_form_bit(job->form));
+    if (status == LW_OK)
+        status = lw_publisher_set_channels(light->publisher, lw_tile_channel_bit(job->channel));
+    if (status == LW_OK)
+        light->solver->ops->choose_channels(light->solver, lw_tile_channel_bit(job->channel));
     return status;
 }
 
@@ -356,7 +358,7 @@ static enum lw_status open_client(const struct job *job, uint16_t port, struct c
                                         .port = port,
                                         .name = "bench_stream",
                                         .cache_folder = job->cache,
-                                        .draws_direct = job->form == LW_LIGHT_FORM_SPLIT,
+                                        .draws_direct = job->channel == LW_TILE_CHANNEL_SPLIT,
                                         .wants_nothing = true};
     enum lw_status status = lw_client_create(&desc, &c->link, err);
     for (uint64_t end_ns = lw_clock_ns() + PACKAGE_S * 1000000000ull;
@@ -522,7 +524,7 @@ static enum lw_status choose_drawn(struct job *job, struct lw_error *err) {
     enum lw_status status =
         lw_client_lights_init(&job->drawn, scene, &job->pose, job->settings->direct ? "auto" : "none", err);
     if (status != LW_OK) return status;
-    job->form = lw_client_lights_any(&job->drawn) ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
+    job->channel = lw_client_lights_any(&job->drawn) ? LW_TILE_CHANNEL_SPLIT : LW_TILE_CHANNEL_FULL;
     job->light_bytes = lw_client_lights_bytes(scene->light_count);
     job->material_bytes = lw_client_lights_bytes(scene->material_count);
     job->light_bits = calloc(job->light_bytes + 1, 1);
@@ -541,15 +543,16 @@ static enum lw_status prepare(struct job *job, struct lw_error *err) {
     job->sent_levels = calloc((size_t)job->map.object_count + 1, sizeof *job->sent_levels);
     if (!job->levels || !job->tile || !job->moment || !job->picture || !job->sent_levels) return LW_NO_MEMORY;
     for (uint32_t o = 0; o < job->map.object_count; o++) {
-        enum lw_status status = lw_levels_init(&job->levels[o], job->form, job->map.atlas[o]);
-        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], job->form, job->map.atlas[o]);
+        enum lw_status status = lw_levels_init(&job->levels[o], job->channel, job->map.atlas[o]);
+        if (status == LW_OK) status = lw_levels_init(&job->sent_levels[o], job->channel, job->map.atlas[o]);
         if (status != LW_OK) return status;
     }
     enum lw_status status = choose_drawn(job, err);
     if (status == LW_OK) status = lw_folders_make_temporary(job->cache, sizeof job->cache, err);
     if (status == LW_OK) status = lw_package_write(job->scene, &job->package, &job->package_size, err);
     if (status == LW_OK) status = lw_replica_create(job->package, job->package_size, 0, &job->replica, err);
-    if (status == LW_OK) status = lw_replica_set_channels(job->replica, lw_light_form_bit(job->form), NULL);
+    if (status == LW_OK)
+        status = lw_replica_set_channels(job->replica, lw_tile_channel_bit(job->channel), NULL);
     return status;
 }
 

@@ -33,7 +33,7 @@ enum lw_status bench_view_light_init(struct bench_view_light *light, const struc
     if (!light->levels || !light->tile_error || !light->tile_bounces)
         return lw_status_fail(err, LW_NO_MEMORY, "no memory for the light of tiles");
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++)
-        status = lw_levels_init(&light->levels[o], LW_LIGHT_FORM_FULL, map->atlas[o]);
+        status = lw_levels_init(&light->levels[o], LW_TILE_CHANNEL_FULL, map->atlas[o]);
     return status == LW_OK ? LW_OK : lw_status_fail(err, status, "no memory for the light of tiles");
 }
 

@@ -30,8 +30,8 @@ static void read_address(const uint8_t *data, size_t size) {
 
 /* What the byte of a `want` says. */
 static void read_channels(uint8_t channels) {
-    const uint32_t form = lw_nats_wire_form(channels);
-    require(form == UINT32_MAX || (form < LW_LIGHT_FORM_COUNT && channels >> form & 1));
+    const uint32_t channel = lw_nats_wire_irradiance(channels);
+    require(channel == UINT32_MAX || (channel < LW_TILE_CHANNEL_IRRADIANCES && channels >> channel & 1));
 }
 
 static void read_payload(const uint8_t *data, size_t size) {

@@ -197,7 +197,7 @@ static void give(struct lw_replica *replica, const struct lw_blob *blob) {
 /* A tile that was withdrawn is gone from both. */
 static void show_fine(const struct lw_snapshot *s, lw_tile_id id, uint32_t number,
                       struct lw_replica *newcomer, struct lw_replica *follower) {
-    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id.v];
+    const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][id.v];
     const lw_tile_id theirs[2] = {fine_tile(lw_replica_atlas_map(newcomer), number),
                                   fine_tile(lw_replica_atlas_map(follower), number)};
     const uint64_t had = lw_replica_get_tile(follower, theirs[1]).version;
@@ -220,7 +220,7 @@ static void compare_newcomer(struct lw_relay_light *light, struct lw_replica *fo
     give(newcomer, s->frame_full);
     give(follower, s->frame_delta ? s->frame_delta : s->frame_full);
     for (uint32_t t = 0; t < map->plain_count; t++) {
-        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
+        const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][t];
         const uint64_t had = lw_replica_get_tile(follower, (lw_tile_id){t}).version;
         require(tile->version <= lw_snapshot_version(s->frame) && had <= tile->version);
         give(newcomer, tile->blob);
@@ -329,7 +329,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         while (!lw_relay_upstream_light(up)) require(lw_relay_upstream_take(up, &err) == LW_OK);
         lw_relay_upstream_give(up, &scene);
         list_fine(scene.light, listed);
-        lw_relay_light_ask(scene.light, LW_LIGHT_FORM_FULL, listed, LISTED);
+        lw_relay_light_ask(scene.light, LW_TILE_CHANNEL_FULL, listed, LISTED);
         follower = join();
     }
     for (size_t at = 1; follower && up && size - at >= 2;) {

@@ -77,9 +77,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size) {
         } else if (kind == 2) {
             lw_replica_begin_run(r);
         } else if (kind == 3) {
-            const enum lw_light_form form = length & 1 ? LW_LIGHT_FORM_SPLIT : LW_LIGHT_FORM_FULL;
-            uint32_t channels = lw_light_form_bit(form);
-            if (length & 2) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + form);
+            const uint32_t channel = length & 1 ? LW_TILE_CHANNEL_SPLIT : LW_TILE_CHANNEL_FULL;
+            uint32_t channels = lw_tile_channel_bit(channel);
+            if (length & 2) channels |= lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION + channel);
             if (lw_replica_set_channels(r, channels, NULL) != LW_OK) abort();
         } else {
             break;

@@ -125,7 +125,7 @@ static void begin(void) {
     prepare();
     now_ns = 100 * SECOND_NS;
     shared = (struct lw_session_shared){.atlas_map = &map,
-                                        .channels.served = lw_light_form_bit(LW_LIGHT_FORM_FULL),
+                                        .channels.served = lw_tile_channel_bit(LW_TILE_CHANNEL_FULL),
                                         .welcome = {.version = LW_WIRE_VERSION,
                                                     .package_size = 1,
                                                     .package_compressed_size = CHUNKS * LW_SESSION_CHUNK,

@@ -263,7 +263,7 @@ static const struct golden {
       .tile = {.object = 2,
                .level = 3,
                .version = 300,
-               .layer = LW_LIGHT_FORM_SPLIT,
+               .layer = LW_TILE_CHANNEL_SPLIT,
                .codec = LW_TILE_CODEC_HALF_ZSTD,
                .scale = 4,
                .bounces = 2,

@@ -76,7 +76,7 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
         for (uint32_t c = 0; c < PLANES; c++) drift[c][i] = drift_at(p->object, x, y, c);
     }
     *tile = (struct lw_solver_tile){
-        .shown = {[LW_LIGHT_FORM_FULL] = {light[0], light[1], light[2]}, [MADE_UP] = {drift[0], drift[1]}},
+        .shown = {[LW_TILE_CHANNEL_FULL] = {light[0], light[1], light[2]}, [MADE_UP] = {drift[0], drift[1]}},
         .direct = {light[0], light[1], light[2]},
         .indirect = {nothing, nothing, nothing},
         .covered = covered,
@@ -127,7 +127,7 @@ static void init_world(struct world *w, uint32_t codec) {
                                                                   .threads = 1},
                                       &w->publisher),
                   NULL);
-    lw_support_ok(lw_publisher_set_channels(w->publisher, 1u << LW_LIGHT_FORM_FULL | 1u << MADE_UP), NULL);
+    lw_support_ok(lw_publisher_set_channels(w->publisher, 1u << LW_TILE_CHANNEL_FULL | 1u << MADE_UP), NULL);
     const struct lw_server_desc desc = {.host = "127.0.0.1",
                                         .atlas_map = &w->map,
                                         .package = w->package,
@@ -265,12 +265,12 @@ static void is_not_kept(void **state) {
     struct lw_snapshot *snapshot = publish(&w, 1), *again;
     lw_support_ok(lw_saved_light_save(path, key, snapshot, true, &err), &err);
     lw_support_ok(lw_saved_light_load(path, key, &w.map, 0.02f, &again, &err), &err);
-    assert_int_equal(again->channels, 1u << LW_LIGHT_FORM_FULL);
+    assert_int_equal(again->channels, 1u << LW_TILE_CHANNEL_FULL);
     table.channel[MADE_UP].kept = true;
     lw_support_ok(lw_saved_light_save(path, key, snapshot, true, &err), &err);
     lw_snapshot_unref(again);
     lw_support_ok(lw_saved_light_load(path, key, &w.map, 0.02f, &again, &err), &err);
-    assert_int_equal(again->channels, 1u << LW_LIGHT_FORM_FULL | 1u << MADE_UP);
+    assert_int_equal(again->channels, 1u << LW_TILE_CHANNEL_FULL | 1u << MADE_UP);
     assert_int_equal(again->tile[MADE_UP][0].blob->size, snapshot->tile[MADE_UP][0].blob->size);
     table.channel[MADE_UP].kept = false;
     lw_snapshot_unref(again);

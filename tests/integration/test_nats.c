@@ -168,7 +168,7 @@ static uint32_t count_kept(uint32_t channel) {
 }
 
 /* A relay that joins when the daemon is gone has the light that is kept, and says that it is old. Relays of
- * both forms of light. */
+ * both irradiances. */
 static void what_is_kept_serves_newcomers(void **state) {
     (void)state;
     start_nats(true, 0);
@@ -181,7 +181,7 @@ static void what_is_kept_serves_newcomers(void **state) {
     lw_relays_join(2, relay[1].port);
     lw_relays_wait(lw_relays_all_rest);
     assert_null(lw_client_draws(lw_relays_client[2]));
-    /* until all of it is kept: as many whole tiles as there are, of each form, and their FRAMEs */
+    /* until all of it is kept: as many whole tiles as there are, of each channel, and their FRAMEs */
     const struct lw_atlas_map *map = lw_client_atlas_map(lw_relays_client[0]);
     const double all = 2.0 * (map->plain_count + 1);
     while (lw_relays_figure(&server, "lightwell_nats_kept_messages_total") < all) lw_relays_poll();
@@ -322,7 +322,7 @@ static void directions_come_through(void **state) {
 
 /* ---- interest ---- */
 
-/* By the relay's session of the client's form alone: the one that the relay began with is forgotten. */
+/* By the relay's session of the client's channel alone: the one that the relay began with is forgotten. */
 static bool is_wanted(void) {
     return lw_relays_figure(&server, "lightwell_interest_tiles") >= 8 &&
            lw_relays_figure(&server, "lightwell_nats_relays") == 1;

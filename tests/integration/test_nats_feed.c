@@ -118,7 +118,7 @@ static void answer(natsMsg *request) {
     lw_support_ok(lw_nats_wire_read_prefix(natsMsg_GetData(request), (size_t)natsMsg_GetDataLength(request),
                                            &prefix, &payload),
                   NULL);
-    assert_int_equal(*lw_nats_wire_read_bytes(&payload, 1), LW_LIGHT_FORM_FULL);
+    assert_int_equal(*lw_nats_wire_read_bytes(&payload, 1), LW_TILE_CHANNEL_FULL);
     publish_frame(reply);
     while (payload.left) {
         lw_support_ok(lw_nats_wire_read(&payload, &m, &raw, &size), NULL);

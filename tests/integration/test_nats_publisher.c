@@ -249,7 +249,7 @@ static void finer_tiles_come_and_go(void **state) {
     /* one that it has, one of another version, one that is not there any more, one that is not there yet */
     static const struct lw_message_held held[] = {
         {0, LEVEL, 3, 10}, {1, LEVEL, 2, 8}, {1, LEVEL, 5, 6}, {1, LEVEL, 6, 0}};
-    ask(LW_LIGHT_FORM_FULL, held, 4);
+    ask(LW_TILE_CHANNEL_FULL, held, 4);
     expect_frame(answers, LW_MESSAGE_FRAME, 5);
     expect_tile(answers, 1, 2, 10, LW_TILE_CODEC_DCT);
     expect_tile(answers, 1, 5, 10, LW_TILE_CODEC_NONE);
@@ -262,13 +262,13 @@ static void finer_tiles_come_and_go(void **state) {
     expect_tile(fine, 0, 3, 12, LW_TILE_CODEC_NONE);
     expect_tile(fine, 1, 5, 12, LW_TILE_CODEC_DCT);
     static const struct lw_message_held gone[] = {{1, LEVEL, 2, 10}};
-    ask(LW_LIGHT_FORM_FULL, gone, 1);
+    ask(LW_TILE_CHANNEL_FULL, gone, 1);
     expect_frame(answers, LW_MESSAGE_FRAME, 6);
     expect_tile(answers, 1, 2, 12, LW_TILE_CODEC_NONE);
     expect_frame(answers, LW_MESSAGE_SETTLED, 6);
 }
 
-/* A form is not SETTLED before the directions that a relay wants with it are there. */
+/* A channel is not SETTLED before the directions that a relay wants with it are there. */
 static void directions_are_waited_for(void **state) {
     (void)state;
     want(1, FULL | DIRECTION, NULL, 0);
@@ -284,9 +284,9 @@ static void directions_are_waited_for(void **state) {
     ask(LW_TILE_CHANNEL_DIRECTION, NULL, 0);
     expect_frame(answers, LW_MESSAGE_FRAME, 8);
     expect_frame(answers, LW_MESSAGE_SETTLED, 8);
-    /* directions alone are no form of light; the daemon has none but these */
+    /* directions alone are no irradiance; the daemon has none but these */
     want(2, DIRECTION, NULL, 0);
-    want(3, 1u << LW_LIGHT_FORM_SPLIT, NULL, 0);
+    want(3, 1u << LW_TILE_CHANNEL_SPLIT, NULL, 0);
     want(1, FULL, NULL, 0);
     LW_SUPPORT_WAIT_UNTIL(wants(FULL, 0));
 }

@@ -56,7 +56,7 @@ static void clients_of_relays_get_the_same(void **state) {
     for (uint32_t o = 4; o < 7; o++) assert_true(lw_client_object_hidden(lw_relays_client[2], o));
 }
 
-/* Both forms of light, at one relay. */
+/* Both channels of irradiance, at one relay. */
 static void forms_of_light_come_apart(void **state) {
     (void)state;
     char upstream[64];

@@ -336,7 +336,7 @@ uint32_t room_expect_same(const struct room_solution *a, const struct room_solut
         for (int c = 0; c < 3; c++) {
             assert_memory_equal(x.direct[c], y.direct[c], bytes);
             assert_memory_equal(x.indirect[c], y.indirect[c], bytes);
-            assert_memory_equal(x.shown[LW_LIGHT_FORM_FULL][c], y.shown[LW_LIGHT_FORM_FULL][c], bytes);
+            assert_memory_equal(x.shown[LW_TILE_CHANNEL_FULL][c], y.shown[LW_TILE_CHANNEL_FULL][c], bytes);
         }
         assert_memory_equal(&x.error, &y.error, sizeof x.error);
         assert_int_equal(x.solved_frame, y.solved_frame);
@@ -362,8 +362,8 @@ struct lw_vec3 room_texel(const struct room_solution *solution, uint32_t object,
     struct lw_solver_tile tile;
     solution->solver->ops->read_tile(solution->solver, (lw_tile_id){id}, &tile);
     const uint32_t i = y % LW_TILE_SIDE * tile.width + x % LW_TILE_SIDE;
-    return lw_vec3(tile.shown[LW_LIGHT_FORM_FULL][0][i], tile.shown[LW_LIGHT_FORM_FULL][1][i],
-                   tile.shown[LW_LIGHT_FORM_FULL][2][i]);
+    return lw_vec3(tile.shown[LW_TILE_CHANNEL_FULL][0][i], tile.shown[LW_TILE_CHANNEL_FULL][1][i],
+                   tile.shown[LW_TILE_CHANNEL_FULL][2][i]);
 }
 
 struct lw_vec3 room_look_up(const struct room_solution *solution, uint32_t quad, double along_u,

@@ -64,7 +64,7 @@ static void a_baked_floor_has_the_form_factor_of_its_lamp(void **state) {
         struct lw_error err = {0};
         float *rgba;
         uint32_t width, height;
-        lw_support_ok(lw_map_build(&map, solution.scene, &solution.map, solution.solver, LW_LIGHT_FORM_FULL,
+        lw_support_ok(lw_map_build(&map, solution.scene, &solution.map, solution.solver, LW_TILE_CHANNEL_FULL,
                                    0, lw_convention_get((enum lw_convention_kind)kind), &err),
                       &err);
         lw_support_ok(lw_image_write_exr_with(path,

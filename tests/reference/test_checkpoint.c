@@ -159,7 +159,7 @@ static void other_texels_are_refused(void **state) {
     struct lw_error err = {0};
     struct lw_tiles tiles = {.texel_count = TEXELS, .covered = saved, .mean = plane, .spread = plane};
     for (int c = 0; c < 3; c++)
-        tiles.direct[c] = tiles.indirect[c] = tiles.shown[LW_LIGHT_FORM_FULL][c] = plane;
+        tiles.direct[c] = tiles.indirect[c] = tiles.shown[LW_TILE_CHANNEL_FULL][c] = plane;
     lw_support_ok(lw_checkpoint_save(path, key, &tiles, NULL, 0, &err), &err);
     plane[0] = 5;
     tiles.covered = moved;

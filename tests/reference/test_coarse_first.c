@@ -100,7 +100,7 @@ static void expect_same_planes(const struct lw_coarse_tiles *tiles, const struct
     for (int c = 0; c < 3; c++) {
         assert_ptr_not_equal(read.direct[c], held->direct[c]);
         assert_memory_equal(read.direct[c], held->direct[c], bytes);
-        assert_memory_equal(read.shown[LW_LIGHT_FORM_FULL][c], held->shown[LW_LIGHT_FORM_FULL][c], bytes);
+        assert_memory_equal(read.shown[LW_TILE_CHANNEL_FULL][c], held->shown[LW_TILE_CHANNEL_FULL][c], bytes);
     }
 }
 
@@ -123,7 +123,7 @@ static void test_blocks_keep_their_mean(void **state) {
     desc.atlas_map = &coarse.map;
     lw_support_ok(lw_solvers_create(NULL, &desc, &s.pose, &solver, &err), &err);
     lw_support_ok(solver->ops->frame(solver, &s.pose, 1, &stats, &err), &err);
-    lw_support_ok(lw_coarse_tiles_update(&tiles, solver, 1u << LW_LIGHT_FORM_FULL, NULL), NULL);
+    lw_support_ok(lw_coarse_tiles_update(&tiles, solver, 1u << LW_TILE_CHANNEL_FULL, NULL), NULL);
     for (uint32_t id = 0; id < s.map.plain_count; id++) {
         const struct lw_tile_place *place = &s.map.place[id];
         struct lw_solver_tile tile, below;
@@ -135,8 +135,8 @@ static void test_blocks_keep_their_mean(void **state) {
         solver->ops->read_tile(
             solver, lw_atlas_map_find(&coarse.map, place->object, 0, x0 / LW_TILE_SIDE, y0 / LW_TILE_SIDE),
             &below);
-        const float *plane = tile.shown[LW_LIGHT_FORM_FULL][1],
-                    *plane_below = below.shown[LW_LIGHT_FORM_FULL][1];
+        const float *plane = tile.shown[LW_TILE_CHANNEL_FULL][1],
+                    *plane_below = below.shown[LW_TILE_CHANNEL_FULL][1];
         for (uint32_t y = 0; y < tile.height; y += LW_COARSE_SCENE_SIDE)
             for (uint32_t x = 0; x < tile.width; x += LW_COARSE_SCENE_SIDE) {
                 const uint32_t i = (y0 % LW_TILE_SIDE + y / LW_COARSE_SCENE_SIDE) * below.width +
@@ -190,8 +190,8 @@ static void expect_no_negative_light(const struct room_solution *s) {
         s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++)
             for (int c = 0; c < 3; c++)
-                assert_true(tile.shown[LW_LIGHT_FORM_FULL][c][i] >= 0 &&
-                            isfinite(tile.shown[LW_LIGHT_FORM_FULL][c][i]) && tile.direct[c][i] >= 0);
+                assert_true(tile.shown[LW_TILE_CHANNEL_FULL][c][i] >= 0 &&
+                            isfinite(tile.shown[LW_TILE_CHANNEL_FULL][c][i]) && tile.direct[c][i] >= 0);
     }
 }
 
@@ -294,13 +294,13 @@ static void test_another_channel_ends_coarse_light(void **state) {
     free(nothing);
     lw_coarse_first_wait(s.solver);
     step(&s, ALONE + 1, ALONE + FRAMES);
-    s.solver->ops->choose_channels(s.solver, 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT);
+    s.solver->ops->choose_channels(s.solver, 1u << LW_TILE_CHANNEL_FULL | 1u << LW_TILE_CHANNEL_SPLIT);
     step(&s, ALONE + FRAMES + 1, ALONE + FRAMES + 1);
     for (uint32_t id = 0; id < s.map.plain_count; id++) {
         struct lw_solver_tile tile;
         if (s.map.place[id].level) continue;
         s.solver->ops->read_tile(s.solver, (lw_tile_id){id}, &tile);
-        assert_non_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
+        assert_non_null(tile.shown[LW_TILE_CHANNEL_SPLIT][0]);
         assert_true(tile.error < LW_ATLAS_COARSE_ERROR);
     }
     room_finish(&s);

@@ -28,7 +28,7 @@ static struct sums sum_of(const struct room_solution *s, uint32_t object) {
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
             const double solved = (double)tile.direct[1][i] + (double)tile.indirect[1][i],
-                         shown = (double)tile.shown[LW_LIGHT_FORM_FULL][1][i];
+                         shown = (double)tile.shown[LW_TILE_CHANNEL_FULL][1][i];
             assert_true(isfinite(shown) && shown >= 0);
             sums.shown += shown;
             sums.solved += solved;
@@ -99,7 +99,7 @@ static double error_of(const struct room_solution *s, const struct room_solution
         for (uint32_t i = 0; i < a.width * a.height; i++) {
             if (!a.covered[i]) continue; /* shown planes have gutters too */
             const double want = (double)t.direct[1][i] + (double)t.indirect[1][i],
-                         got = shown ? (double)a.shown[LW_LIGHT_FORM_FULL][1][i]
+                         got = shown ? (double)a.shown[LW_TILE_CHANNEL_FULL][1][i]
                                      : (double)a.direct[1][i] + (double)a.indirect[1][i];
             error += (got - want) * (got - want);
             square += want * want;
@@ -198,11 +198,11 @@ static void test_parts_of_a_frame_show_the_same(void **state) {
         parts.solver->ops->read_tile(parts.solver, (lw_tile_id){id}, &y);
         assert_int_equal(x.sample_count, y.sample_count);
         for (int c = 0; c < 3; c++)
-            assert_memory_equal(x.shown[LW_LIGHT_FORM_FULL][c], y.shown[LW_LIGHT_FORM_FULL][c],
+            assert_memory_equal(x.shown[LW_TILE_CHANNEL_FULL][c], y.shown[LW_TILE_CHANNEL_FULL][c],
                                 x.width * x.height * sizeof(float));
         for (uint32_t i = 0; i < x.width * x.height; i++)
             filtered +=
-                x.covered[i] && x.shown[LW_LIGHT_FORM_FULL][0][i] != x.direct[0][i] + x.indirect[0][i];
+                x.covered[i] && x.shown[LW_TILE_CHANNEL_FULL][0][i] != x.direct[0][i] + x.indirect[0][i];
     }
     assert_true(filtered > 1000);
     room_finish(&parts);

@@ -97,7 +97,7 @@ static double mean_of(const struct room_solution *s, uint32_t object) {
         if (s->map.place[id].object != object || !holds(s, id)) continue;
         const struct lw_solver_tile tile = read(s, (lw_tile_id){id});
         for (uint32_t i = 0; i < tile.width * tile.height; i++)
-            if (tile.covered[i]) sum += (double)tile.shown[LW_LIGHT_FORM_FULL][1][i], texels++;
+            if (tile.covered[i]) sum += (double)tile.shown[LW_TILE_CHANNEL_FULL][1][i], texels++;
     }
     return sum / texels;
 }
@@ -309,7 +309,7 @@ static uint32_t count_welded(const struct lw_solver_tile *tile) {
     uint32_t welded = 0;
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
         welded += tile->covered[i] &&
-                  tile->shown[LW_LIGHT_FORM_FULL][1][i] != tile->direct[1][i] + tile->indirect[1][i];
+                  tile->shown[LW_TILE_CHANNEL_FULL][1][i] != tile->direct[1][i] + tile->indirect[1][i];
     return welded;
 }
 
@@ -342,7 +342,7 @@ static void seams_are_not_welded(void **state) {
 static bool has_light(const struct lw_solver_tile *tile, float light, bool covered) {
     for (uint32_t i = 0; i < tile->width * tile->height; i++)
         if ((covered ? tile->covered[i] : tile->covered[i] || tile->filled[i]) &&
-            tile->shown[LW_LIGHT_FORM_FULL][1][i] == light)
+            tile->shown[LW_TILE_CHANNEL_FULL][1][i] == light)
             return true;
     return false;
 }
@@ -370,7 +370,7 @@ static void gutters_are_of_the_tile_or_of_level_0(void **state) {
         const struct lw_solver_tile tile = read(&s, (lw_tile_id){id});
         assert_int_equal(tile.solved_frame, END_FRAME); /* as level 0 is */
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
-            const float light = tile.shown[LW_LIGHT_FORM_FULL][1][i];
+            const float light = tile.shown[LW_TILE_CHANNEL_FULL][1][i];
             if (!tile.filled[i]) continue;
             const bool own = has_light(&tile, light, true);
             if (!own && !is_of_level_0(&s, s.map.place[id].object, light))

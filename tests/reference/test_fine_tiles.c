@@ -10,7 +10,7 @@
 
 #define FINER 2u
 
-enum { DIRECTIONS = LW_LIGHT_FORMS_FULL | 1u << LW_TILE_CHANNEL_DIRECTION };
+enum { DIRECTIONS = LW_TILE_CHANNELS_FULL | 1u << LW_TILE_CHANNEL_DIRECTION };
 
 static const struct lw_solver_desc terms = {
     .bounces = 2, .direct_samples = 1, .indirect_samples = 4, .target_error = 0.02f, .threads = 2, .seed = 3};
@@ -74,7 +74,7 @@ static void texels_are_those_of_a_finer_atlas(void **state) {
 /* ---- light ---- */
 
 static double luminance_of(const struct lw_solver_tile *tile, uint32_t i) {
-    const float *const *e = (const float *const *)tile->shown[LW_LIGHT_FORM_FULL];
+    const float *const *e = (const float *const *)tile->shown[LW_TILE_CHANNEL_FULL];
     return (double)lw_colour_luminance(lw_vec3(e[0][i], e[1][i], e[2][i]));
 }
 
@@ -295,7 +295,7 @@ static void expect_same(const struct room_solution *a, const struct room_solutio
         a->solver->ops->read_tile(a->solver, id[k], &x);
         b->solver->ops->read_tile(b->solver, other[k], &y);
         for (int c = 0; c < 3; c++)
-            assert_memory_equal(x.shown[LW_LIGHT_FORM_FULL][c], y.shown[LW_LIGHT_FORM_FULL][c],
+            assert_memory_equal(x.shown[LW_TILE_CHANNEL_FULL][c], y.shown[LW_TILE_CHANNEL_FULL][c],
                                 (size_t)x.width * x.height * sizeof(float));
     }
     assert_true(count > 0);

@@ -41,7 +41,7 @@ static struct picture picture_of(const struct room_solution *s) {
         s->solver->ops->read_tile(s->solver, (lw_tile_id){s->map.first_tile[0] + t}, &tile);
         const size_t texels = tile.width * tile.height;
         for (int c = 0; c < 3; c++)
-            memcpy(picture.light[c] + picture.count, tile.shown[LW_LIGHT_FORM_FULL][c],
+            memcpy(picture.light[c] + picture.count, tile.shown[LW_TILE_CHANNEL_FULL][c],
                    texels * sizeof(float));
         picture.count += texels;
     }
@@ -157,7 +157,7 @@ static void test_another_weight_takes_no_ray(void **state) {
 
 /* ---- where light comes from ---- */
 
-enum { DIRECTIONS = LW_LIGHT_FORMS_FULL | 1u << LW_TILE_CHANNEL_DIRECTION };
+enum { DIRECTIONS = LW_TILE_CHANNELS_FULL | 1u << LW_TILE_CHANNEL_DIRECTION };
 
 /* A warm lamp and a cold one. coloured: two walls are, too. */
 static struct lw_scene *warm_and_cold(bool coloured, struct lw_vec3 right) {

@@ -1,4 +1,4 @@
-/* The cosine moment of light, beside irradiance: closed forms, bounds, both forms of light, change. */
+/* The cosine moment of light, beside irradiance: closed channels, bounds, both irradiances, change. */
 #include "common/base/colour.h"
 #include "common/light/client_lights.h"
 #include "common/light/direction_form.h"
@@ -15,8 +15,8 @@
 #include <unistd.h>
 
 enum {
-    FULL = 1u << LW_LIGHT_FORM_FULL,
-    BOTH = FULL | 1u << LW_LIGHT_FORM_SPLIT,
+    FULL = 1u << LW_TILE_CHANNEL_FULL,
+    BOTH = FULL | 1u << LW_TILE_CHANNEL_SPLIT,
     DIRECTION = 1u << LW_TILE_CHANNEL_DIRECTION,
     DIRECTIONS = DIRECTION | 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT
 };
@@ -63,7 +63,7 @@ static void end(struct lit *l) {
 /* A covered texel as it is shown. Objects stand where their meshes are. */
 struct texel {
     uint32_t object;
-    struct lw_vec3 at, normal, e[2], v[2]; /* by form of light; e, v: 0 where it is not shown */
+    struct lw_vec3 at, normal, e[2], v[2]; /* by irradiance; e, v: 0 where it is not shown */
 };
 
 typedef void texel_fn(void *user, const struct texel *texel);
@@ -85,9 +85,9 @@ static void each_texel(const struct lit *l, texel_fn *fn, void *user) {
             struct texel texel = {.object = place->object,
                                   .at = lw_texels_vector(place->mesh->position, place->local + i),
                                   .normal = lw_texels_vector(place->mesh->normal, place->local + i)};
-            for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
-                texel.e[form] = shown(&tile, form, i);
-                texel.v[form] = shown(&tile, LW_TILE_CHANNEL_DIRECTION + form, i);
+            for (uint32_t channel = 0; channel < LW_TILE_CHANNEL_IRRADIANCES; channel++) {
+                texel.e[channel] = shown(&tile, channel, i);
+                texel.v[channel] = shown(&tile, LW_TILE_CHANNEL_DIRECTION + channel, i);
             }
             fn(user, &texel);
             count++;
@@ -96,7 +96,7 @@ static void each_texel(const struct lit *l, texel_fn *fn, void *user) {
     assert_true(count > 100);
 }
 
-/* ---- closed forms ---- */
+/* ---- closed channels ---- */
 
 struct mean {
     double e, along, across[2]; /* sums over texels: E; V along the normal, and across it */
@@ -143,7 +143,7 @@ static void test_furnace(void **state) {
 
 struct lamp {
     struct lw_vec3 at;
-    enum lw_light_form off; /* the form that lacks its light; FULL: V of that form is all its light's */
+    uint32_t off; /* the channel that lacks its light; FULL: V of that channel is all its light's */
     uint32_t texels;
 };
 
@@ -179,12 +179,12 @@ static void test_one_lamp(void **state) {
     end(&l);
 }
 
-/* ---- both forms of light ---- */
+/* ---- both irradiances ---- */
 
-static void test_forms_differ_by_the_lamp(void **state) {
+static void test_channels_differ_by_the_lamp(void **state) {
     (void)state;
     struct room room = room_with_two_lamps();
-    struct lamp lamp = {.at = room.light_position[0], .off = LW_LIGHT_FORM_SPLIT};
+    struct lamp lamp = {.at = room.light_position[0], .off = LW_TILE_CHANNEL_SPLIT};
     struct lit l;
     begin(&l, &room, kept, "left", BOTH | DIRECTIONS, 12);
     each_texel(&l, expect_lamp, &lamp);
@@ -194,10 +194,10 @@ static void test_forms_differ_by_the_lamp(void **state) {
 
 static void expect_bounds(void *user, const struct texel *texel) {
     uint32_t *lit = user;
-    for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
-        const float light = lw_colour_luminance(texel->e[form]);
-        assert_true(lw_vec3_length(texel->v[form]) <= 1.005f * light + 1e-6f);
-        assert_true(lw_vec3_dot(texel->v[form], texel->normal) >= -1e-6f);
+    for (uint32_t channel = 0; channel < LW_TILE_CHANNEL_IRRADIANCES; channel++) {
+        const float light = lw_colour_luminance(texel->e[channel]);
+        assert_true(lw_vec3_length(texel->v[channel]) <= 1.005f * light + 1e-6f);
+        assert_true(lw_vec3_dot(texel->v[channel], texel->normal) >= -1e-6f);
         *lit += light > 0;
     }
 }
@@ -250,9 +250,9 @@ static void test_shown_texels_and_gutters(void **state) {
         struct lw_solver_tile tile;
         l.s.solver->ops->read_tile(l.s.solver, place->id, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++)
-            for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
-                const float light = lw_colour_luminance(shown(&tile, form, i));
-                const struct lw_vec3 v = shown(&tile, LW_TILE_CHANNEL_DIRECTION + form, i);
+            for (uint32_t channel = 0; channel < LW_TILE_CHANNEL_IRRADIANCES; channel++) {
+                const float light = lw_colour_luminance(shown(&tile, channel, i));
+                const struct lw_vec3 v = shown(&tile, LW_TILE_CHANNEL_DIRECTION + channel, i);
                 if (!tile.covered[i] && !tile.filled[i]) continue;
                 assert_true(lw_vec3_length(v) <= (1 + 1e-5f) * light + 1e-9f);
                 *(tile.covered[i] ? &covered : &gutters) += light > 0;
@@ -297,10 +297,10 @@ static void test_levels(void **state) {
     struct lit l;
     begin_ball(&l, 6);
     for (uint32_t object = 0; object < l.s.map.object_count; object++)
-        for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++) {
+        for (uint32_t channel = 0; channel < LW_TILE_CHANNEL_IRRADIANCES; channel++) {
             struct lw_levels light, moment;
-            make_levels(&l, object, form, &light);
-            make_levels(&l, object, LW_TILE_CHANNEL_DIRECTION + form, &moment);
+            make_levels(&l, object, channel, &light);
+            make_levels(&l, object, LW_TILE_CHANNEL_DIRECTION + channel, &moment);
             assert_true(light.count > 3);
             for (uint32_t k = 0; k < light.count; k++)
                 assert_true(expect_short(&light.level[k], &moment.level[k]) > 0);
@@ -349,12 +349,12 @@ static float longest_published(struct lit *l, uint32_t codec_number) {
     lw_support_ok(
         lw_publisher_publish(publisher, &l->s.pose, l->frame, 1, 1, l->s.map.tile_count, &snapshot, &stats),
         NULL);
-    for (uint32_t form = 0; form < LW_LIGHT_FORM_COUNT; form++)
+    for (uint32_t channel = 0; channel < LW_TILE_CHANNEL_IRRADIANCES; channel++)
         for (uint32_t id = 0; id < l->s.map.plain_count; id++) {
-            const uint32_t channel = LW_TILE_CHANNEL_DIRECTION + form;
-            const struct lw_snapshot_tile *tile = &snapshot->tile[channel][id];
+            const uint32_t moment = LW_TILE_CHANNEL_DIRECTION + channel;
+            const struct lw_snapshot_tile *tile = &snapshot->tile[moment][id];
             assert_non_null(tile->blob);
-            longest = fmaxf(longest, longest_of(codec, tile->blob, channel, &l->s.map.place[id]));
+            longest = fmaxf(longest, longest_of(codec, tile->blob, moment, &l->s.map.place[id]));
         }
     lw_snapshot_unref(snapshot);
     lw_publisher_destroy(publisher);
@@ -452,7 +452,7 @@ struct of_object {
 static void sum_lengths(void *user, const struct texel *texel) {
     struct of_object *sum = user;
     *(texel->object == sum->object ? &sum->length : &sum->others) +=
-        (double)lw_vec3_length(texel->v[LW_LIGHT_FORM_FULL]);
+        (double)lw_vec3_length(texel->v[LW_TILE_CHANNEL_FULL]);
 }
 
 /* Nobody reads where the light of one object comes from: its moments stay 0. All light, and the moments of
@@ -507,7 +507,7 @@ int main(void) {
         cmocka_unit_test(test_even_sky),
         cmocka_unit_test(test_furnace),
         cmocka_unit_test(test_one_lamp),
-        cmocka_unit_test(test_forms_differ_by_the_lamp),
+        cmocka_unit_test(test_channels_differ_by_the_lamp),
         cmocka_unit_test(test_bounds),
         cmocka_unit_test(test_shown_texels_and_gutters),
         cmocka_unit_test(test_levels),

@@ -106,7 +106,7 @@ static float *copy_light(const struct room_solution *s, size_t *out_size) {
         struct lw_solver_tile tile;
         s->solver->ops->read_tile(s->solver, (lw_tile_id){id}, &tile);
         for (int c = 0; c < 3; c++, to += tile.width * tile.height)
-            memcpy(to, tile.shown[LW_LIGHT_FORM_FULL][c], sizeof *to * tile.width * tile.height);
+            memcpy(to, tile.shown[LW_TILE_CHANNEL_FULL][c], sizeof *to * tile.width * tile.height);
     }
     *out_size = floats * sizeof *copy;
     return copy;

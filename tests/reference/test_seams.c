@@ -107,8 +107,8 @@ static void test_parts_of_a_frame(void **state) {
         parts.solver->ops->read_tile(parts.solver, (lw_tile_id){id}, &y);
         for (uint32_t i = 0; i < x.width * x.height; i++) {
             if (!x.covered[i]) continue;
-            const double a = (double)x.shown[LW_LIGHT_FORM_FULL][0][i],
-                         b = (double)y.shown[LW_LIGHT_FORM_FULL][0][i],
+            const double a = (double)x.shown[LW_TILE_CHANNEL_FULL][0][i],
+                         b = (double)y.shown[LW_TILE_CHANNEL_FULL][0][i],
                          sum = (double)x.direct[0][i] + (double)x.indirect[0][i];
             off = fmax(off, fabs(a - b) / (a + 0.01));
             square += (a - b) * (a - b);

@@ -13,7 +13,7 @@
 #include <string.h>
 
 enum { OTHER_ROOM = ROOM_PANEL + 1, OBJECTS = OTHER_ROOM + ROOM_FACES };
-enum { BOTH = 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
+enum { BOTH = 1u << LW_TILE_CHANNEL_FULL | 1u << LW_TILE_CHANNEL_SPLIT, SPLIT = 1u << LW_TILE_CHANNEL_SPLIT };
 #define FRAMES_MAX 128u
 #define FINE_IDS   2048u /* all tiles that scripts look at */
 
@@ -274,7 +274,7 @@ static void groups(struct record *record, unsigned threads) {
 static void forms(struct record *record, unsigned threads) {
     struct run run;
     begin_split(&run, record, describe(SOME, threads));
-    static const unsigned shown[] = {SPLIT, BOTH, LW_LIGHT_FORMS_FULL, BOTH, SPLIT, LW_LIGHT_FORMS_FULL};
+    static const unsigned shown[] = {SPLIT, BOTH, LW_TILE_CHANNELS_FULL, BOTH, SPLIT, LW_TILE_CHANNELS_FULL};
     for (unsigned i = 0; i < sizeof shown / sizeof *shown; i++) {
         run.s.solver->ops->choose_channels(run.s.solver, shown[i]);
         step(&run, 8);

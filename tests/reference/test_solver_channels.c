@@ -21,7 +21,7 @@ static const struct lw_tile_channel made_up = {.name = "shade",
                                                .step = 1,
                                                .kept = true,
                                                .slot = 1,
-                                               .follows = LW_LIGHT_FORM_FULL};
+                                               .follows = LW_TILE_CHANNEL_FULL};
 static const struct {
     int colour;
     float factor;
@@ -75,8 +75,8 @@ static void begin(struct room_solution *s, const char *groups, bool denoise, uns
 static void fill(const struct lw_tiles *tiles) {
     for (uint32_t p = 0; p < PLANES; p++)
         for (uint32_t t = 0; t < tiles->texel_count; t++)
-            tiles->sum[MADE_UP][p][t] =
-                of_light[p].factor * lw_tiles_sum(tiles, LW_LIGHT_FORM_FULL, (uint32_t)of_light[p].colour, t);
+            tiles->sum[MADE_UP][p][t] = of_light[p].factor * lw_tiles_sum(tiles, LW_TILE_CHANNEL_FULL,
+                                                                          (uint32_t)of_light[p].colour, t);
 }
 
 static void fill_all(void) {
@@ -107,7 +107,7 @@ static struct compared compare(const struct room_solution *s, const double facto
             c.texels++;
             c.gutters += !tile.covered[i];
             for (uint32_t p = 0; p < PLANES; p++) {
-                const double light = (double)tile.shown[LW_LIGHT_FORM_FULL][of_light[p].colour][i],
+                const double light = (double)tile.shown[LW_TILE_CHANNEL_FULL][of_light[p].colour][i],
                              off = (double)tile.shown[MADE_UP][p][i] - factor[p] * light;
                 c.most = fmax(c.most, fabs(off));
                 c.square += off * off;
@@ -139,7 +139,7 @@ static void shown_as_light_is(bool denoise) {
     s.solver->ops->read_tile(s.solver, (lw_tile_id){0}, &tile);
     assert_null(tile.shown[MADE_UP][0]); /* nobody asked */
     fill_all();
-    show_and_step(&s, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&s, LW_TILE_CHANNELS_FULL | lw_tile_channel_bit(MADE_UP), 5);
     assert_int_equal(s.stats.texels_solved, 0);
     expect_linear(&s, factor_alone);
     room_finish(&s);
@@ -174,7 +174,7 @@ static void test_layers(void **state) {
     begin(&s, "left", true, 4);
     assert_int_equal(layers, 2);
     fill_all();
-    show_and_step(&s, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&s, LW_TILE_CHANNELS_FULL | lw_tile_channel_bit(MADE_UP), 5);
     expect_linear(&s, factor_alone);
     s.pose.light[0].intensity = lw_vec3_scale(s.pose.light[0].intensity, 0.5f);
     step(&s, 6);
@@ -191,7 +191,7 @@ static void test_checkpoint(void **state) {
     begin(&first, NULL, true, 4);
     fill_all();
     const struct lw_tiles *before = lw_cell_layer_tiles(layer[0]);
-    show_and_step(&first, LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(MADE_UP), 5);
+    show_and_step(&first, LW_TILE_CHANNELS_FULL | lw_tile_channel_bit(MADE_UP), 5);
     lw_support_ok(first.solver->ops->save(first.solver, path, key, &err), &err);
     begin(&second, NULL, true, 0);
     const struct lw_tiles *after = lw_cell_layer_tiles(layer[0]);

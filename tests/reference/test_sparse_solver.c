@@ -84,14 +84,14 @@ static void count_floor(const struct room_solution *s, uint32_t *out_coarse, uin
 static void add_light(const struct lw_solver_tile *tile, double *sum, double *texels) {
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         if (!tile->covered[i]) continue;
-        *sum += (double)tile->shown[LW_LIGHT_FORM_FULL][1][i];
+        *sum += (double)tile->shown[LW_TILE_CHANNEL_FULL][1][i];
         ++*texels;
     }
 }
 
 /* Adds the cosine moment over covered texels of a tile, and the luminance that it belongs to. */
 static void add_moment(const struct lw_solver_tile *tile, struct lw_vec3 *moment, float *light) {
-    const float *const *e = (const float *const *)tile->shown[LW_LIGHT_FORM_FULL],
+    const float *const *e = (const float *const *)tile->shown[LW_TILE_CHANNEL_FULL],
                        *const *v = (const float *const *)tile->shown[LW_TILE_CHANNEL_DIRECTION];
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         if (!tile->covered[i]) continue;
@@ -120,7 +120,7 @@ static void directions_are_those_of_the_whole_density(void **state) {
     (void)state;
     struct room_solution sparse, whole;
     struct lw_solver_desc desc = terms;
-    const uint32_t channels = LW_LIGHT_FORMS_FULL | lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION);
+    const uint32_t channels = LW_TILE_CHANNELS_FULL | lw_tile_channel_bit(LW_TILE_CHANNEL_DIRECTION);
     uint32_t lit = 0, coarse = 0;
     desc.directions = true;
     begin(&sparse, true, desc);
@@ -168,7 +168,7 @@ static void what_is_looked_at_is_lit_as_densely_as_asked_for(void **state) {
         expect_near(count[0], count[1], 0.001);
         expect_near(sum[0] / count[0], sum[1] / count[1], 0.03);
         for (uint32_t i = 0; i < a.width * a.height; i++) {
-            const float *e[2] = {a.shown[LW_LIGHT_FORM_FULL][1], b.shown[LW_LIGHT_FORM_FULL][1]};
+            const float *e[2] = {a.shown[LW_TILE_CHANNEL_FULL][1], b.shown[LW_TILE_CHANNEL_FULL][1]};
             if (!a.covered[i] || !b.covered[i]) continue;
             const double off = (double)(e[0][i] - e[1][i]) / (0.05 * sum[1] / count[1] + (double)e[1][i]);
             square += off * off;
@@ -322,7 +322,7 @@ static void bytes_are_the_same(void **state) {
         const struct lw_solver_tile a = read(&s[0], id), b = read(&s[1], id);
         assert_true(a.solved_frame == b.solved_frame && a.sample_count == b.sample_count);
         for (int c = 0; c < 3; c++)
-            assert_memory_equal(a.shown[LW_LIGHT_FORM_FULL][c], b.shown[LW_LIGHT_FORM_FULL][c],
+            assert_memory_equal(a.shown[LW_TILE_CHANNEL_FULL][c], b.shown[LW_TILE_CHANNEL_FULL][c],
                                 a.width * a.height * sizeof(float));
     }
     room_finish(&s[0]);

@@ -1,11 +1,11 @@
-/* Light in two forms: all of it is the split form and the direct light of client lights. */
+/* Light in two channels: all of it is the split irradiance and the direct light of client lights. */
 #include "common/light/client_lights.h"
 #include "tests/reference/room.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-enum { BOTH = 1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT, SPLIT = 1u << LW_LIGHT_FORM_SPLIT };
+enum { BOTH = 1u << LW_TILE_CHANNEL_FULL | 1u << LW_TILE_CHANNEL_SPLIT, SPLIT = 1u << LW_TILE_CHANNEL_SPLIT };
 
 static struct room make_room(void) {
     struct room room = room_with_two_lamps();
@@ -40,8 +40,8 @@ static void end(struct parted *p) {
     lw_client_lights_finish(&p->client);
 }
 
-static void show_forms(struct parted *p, unsigned forms) {
-    p->s.solver->ops->choose_channels(p->s.solver, forms);
+static void show_channels(struct parted *p, unsigned channels) {
+    p->s.solver->ops->choose_channels(p->s.solver, channels);
 }
 
 static void step(struct parted *p, unsigned frames) {
@@ -50,7 +50,7 @@ static void step(struct parted *p, unsigned frames) {
 }
 
 /* The mean of an object's shown light over its covered texels, red channel; and of the squares of the part
- * that the two forms differ by. */
+ * that the two channels differ by. */
 struct shown {
     double full, split, difference_square;
 };
@@ -64,9 +64,9 @@ static struct shown shown_of(const struct parted *p, uint32_t object) {
         p->s.solver->ops->read_tile(p->s.solver, (lw_tile_id){p->s.map.first_tile[object] + t}, &tile);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            const double full = (double)tile.shown[LW_LIGHT_FORM_FULL][0][i],
-                         split = (double)(tile.shown[LW_LIGHT_FORM_SPLIT][0]
-                                              ? tile.shown[LW_LIGHT_FORM_SPLIT][0][i]
+            const double full = (double)tile.shown[LW_TILE_CHANNEL_FULL][0][i],
+                         split = (double)(tile.shown[LW_TILE_CHANNEL_SPLIT][0]
+                                              ? tile.shown[LW_TILE_CHANNEL_SPLIT][0][i]
                                               : 0);
             shown.full += full;
             shown.split += split;
@@ -78,7 +78,7 @@ static struct shown shown_of(const struct parted *p, uint32_t object) {
     return shown;
 }
 
-/* The forms differ, over each face of the room, by the direct light of a room that has the client lights
+/* The channels differ, over each face of the room, by the direct light of a room that has the client lights
  * alone. */
 static void expect_difference(const struct parted *p, const struct room *drawn, double tolerance) {
     struct room_solution direct;
@@ -94,7 +94,7 @@ static void expect_difference(const struct parted *p, const struct room *drawn, 
     room_finish(&direct);
 }
 
-static void test_forms_differ_by_what_clients_draw(void **state) {
+static void test_channels_differ_by_what_clients_draw(void **state) {
     (void)state;
     const char *const groups[] = {"none", "left;right"};
     struct room room = make_room(), left = make_room();
@@ -106,7 +106,7 @@ static void test_forms_differ_by_what_clients_draw(void **state) {
             struct lw_solver_desc desc = plain;
             desc.denoise = denoise;
             begin(&p, &room, desc, "left", groups[g]);
-            show_forms(&p, BOTH);
+            show_channels(&p, BOTH);
             room_solve_until_rest(&p.s, &p.frame);
             expect_difference(&p, &left, 0.02);
             end(&p);
@@ -123,7 +123,7 @@ static void test_nothing_is_left_without_bounces(void **state) {
     begin(&p, &room, desc, NULL, "none");
     assert_int_equal(p.client.drawn_lights, 2);
     assert_int_equal(p.client.drawn_materials, 1); /* the panel is small */
-    show_forms(&p, BOTH);
+    show_channels(&p, BOTH);
     step(&p, 8);
     for (uint32_t o = 0; o < ROOM_FACES; o++) {
         const struct shown shown = shown_of(&p, o);
@@ -132,8 +132,8 @@ static void test_nothing_is_left_without_bounces(void **state) {
     end(&p);
 }
 
-/* A lamp that is drawn moves, is dimmed, goes out: in each frame after, the forms differ by its light as it
- * is now. */
+/* A lamp that is drawn moves, is dimmed, goes out: in each frame after, the channels differ by its light as
+ * it is now. */
 static void test_drawn_lights_change(void **state) {
     (void)state;
     const char *const groups[] = {"none", "left;right"};
@@ -141,7 +141,7 @@ static void test_drawn_lights_change(void **state) {
         struct room room = make_room(), left = make_room();
         struct parted p;
         begin(&p, &room, plain, "left", groups[g]);
-        show_forms(&p, BOTH);
+        show_channels(&p, BOTH);
         room_solve_until_rest(&p.s, &p.frame);
         left.light_count = 1;
         left.quad[ROOM_PANEL].emission = 0;
@@ -169,7 +169,7 @@ static void test_drawn_lights_change(void **state) {
     }
 }
 
-/* A form that is asked for when all has converged comes whole in the next frame, by no ray, and
+/* A channel that is asked for when all has converged comes whole in the next frame, by no ray, and
  * is the same as if asked for from the start. */
 static void test_a_form_may_come_late(void **state) {
     (void)state;
@@ -179,13 +179,13 @@ static void test_a_form_may_come_late(void **state) {
         struct parted early, late;
         begin(&early, &room, plain, "left", groups[g]);
         begin(&late, &room, plain, "left", groups[g]);
-        show_forms(&early, SPLIT);
+        show_channels(&early, SPLIT);
         room_solve_until_rest(&early.s, &early.frame);
         room_solve_until_rest(&late.s, &late.frame);
         struct lw_solver_tile tile;
         late.s.solver->ops->read_tile(late.s.solver, (lw_tile_id){late.s.map.first_tile[0]}, &tile);
-        assert_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
-        show_forms(&late, SPLIT);
+        assert_null(tile.shown[LW_TILE_CHANNEL_SPLIT][0]);
+        show_channels(&late, SPLIT);
         step(&late, 1);
         assert_int_equal(late.s.stats.rays_shadow + late.s.stats.rays_bounce, 0);
         assert_true(late.s.stats.tiles_shown > 0);
@@ -194,10 +194,10 @@ static void test_a_form_may_come_late(void **state) {
         for (uint32_t o = 0; o < ROOM_FACES; o++)
             expect_near(shown_of(&late, o).split, shown_of(&early, o).split, 0.005);
         const double split = shown_of(&late, 0).split, full = shown_of(&late, 0).full;
-        show_forms(&late, LW_LIGHT_FORMS_FULL);
+        show_channels(&late, LW_TILE_CHANNELS_FULL);
         step(&late, 1);
         expect_near(shown_of(&late, 0).full, full, 0.005);
-        show_forms(&late, BOTH);
+        show_channels(&late, BOTH);
         step(&late, 1);
         expect_near(shown_of(&late, 0).split, split, 0.005);
         end(&early);
@@ -205,17 +205,17 @@ static void test_a_form_may_come_late(void **state) {
     }
 }
 
-/* Without client lights there is one form, whatever the settings. */
+/* Without client lights there is one channel, whatever the settings. */
 static void test_no_client_lights(void **state) {
     (void)state;
     struct room room = make_room();
     struct parted p;
     begin(&p, &room, plain, "none", "none");
-    show_forms(&p, BOTH);
+    show_channels(&p, BOTH);
     step(&p, 2);
     struct lw_solver_tile tile;
     p.s.solver->ops->read_tile(p.s.solver, (lw_tile_id){p.s.map.first_tile[0]}, &tile);
-    assert_null(tile.shown[LW_LIGHT_FORM_SPLIT][0]);
+    assert_null(tile.shown[LW_TILE_CHANNEL_SPLIT][0]);
     assert_true(shown_of(&p, 0).full > 0);
     end(&p);
 }
@@ -245,7 +245,7 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     desc.denoise = true;
     begin(&p, &room, desc, "grey", "none");
     assert_int_equal(p.client.drawn_lights + 10 * p.client.drawn_materials, 10);
-    show_forms(&p, BOTH);
+    show_channels(&p, BOTH);
     step(&p, 16);
     step(&sharp, 16);
     for (uint32_t id = 0; id < p.s.map.tile_count; id++) {
@@ -256,11 +256,11 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
         for (uint32_t i = 0; i < x.width * x.height; i++) {
             const double off =
                 x.covered[i]
-                    ? (double)(x.shown[LW_LIGHT_FORM_SPLIT][0][i] - y.shown[LW_LIGHT_FORM_FULL][0][i])
+                    ? (double)(x.shown[LW_TILE_CHANNEL_SPLIT][0][i] - y.shown[LW_TILE_CHANNEL_FULL][0][i])
                     : 0;
             change += off * off;
             light += x.covered[i]
-                         ? (double)(y.shown[LW_LIGHT_FORM_FULL][0][i] * y.shown[LW_LIGHT_FORM_FULL][0][i])
+                         ? (double)(y.shown[LW_TILE_CHANNEL_FULL][0][i] * y.shown[LW_TILE_CHANNEL_FULL][0][i])
                          : 0;
         }
     }
@@ -270,8 +270,8 @@ static void test_noise_of_what_is_drawn_filters_nothing(void **state) {
     end(&sharp);
 }
 
-/* Standard error of the split form at a texel of the floor, against all light: by another solve of the same
- * error. */
+/* Standard error of the split irradiance at a texel of the floor, against all light: by another solve of the
+ * same error. */
 static double error_between(const struct parted *a, const struct parted *b) {
     double square = 0, light = 0, count = 0;
     const struct lw_atlas_level *level = &a->s.map.atlas[0]->level[0];
@@ -282,7 +282,7 @@ static double error_between(const struct parted *a, const struct parted *b) {
         for (uint32_t i = 0; i < x.width * x.height; i++) {
             if (!x.covered[i]) continue;
             const double off =
-                (double)(x.shown[LW_LIGHT_FORM_SPLIT][0][i] - y.shown[LW_LIGHT_FORM_SPLIT][0][i]);
+                (double)(x.shown[LW_TILE_CHANNEL_SPLIT][0][i] - y.shown[LW_TILE_CHANNEL_SPLIT][0][i]);
             square += off * off / 2;
             light += (double)(y.direct[0][i] + y.indirect[0][i]);
             count++;
@@ -303,14 +303,14 @@ static void test_noise_of_what_is_shown_counts(void **state) {
     begin(&split, &room, desc, NULL, "none");
     desc.seed = 5;
     begin(&both, &room, desc, NULL, "none");
-    show_forms(&split, SPLIT);
-    show_forms(&both, BOTH);
+    show_channels(&split, SPLIT);
+    show_channels(&both, BOTH);
     const uint64_t rays = rays_until_rest(&split), more = rays_until_rest(&both);
     print_message("%.3g rays of %.3g; error %.4f\n", (double)rays, (double)more,
                   error_between(&split, &both));
     assert_true(rays < 0.9 * (double)more);
     assert_true(error_between(&split, &both) < (double)desc.target_error);
-    show_forms(&split, BOTH);
+    show_channels(&split, BOTH);
     step(&split, 1);
     assert_true(split.s.stats.tiles_solved > 0 && split.s.stats.tiles_converged < split.s.stats.tiles);
     end(&split);
@@ -318,7 +318,7 @@ static void test_noise_of_what_is_shown_counts(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms_differ_by_what_clients_draw),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_channels_differ_by_what_clients_draw),
                                        cmocka_unit_test(test_nothing_is_left_without_bounces),
                                        cmocka_unit_test(test_drawn_lights_change),
                                        cmocka_unit_test(test_a_form_may_come_late),

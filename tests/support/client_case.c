@@ -111,7 +111,7 @@ void *client_case_serve(void *server) {
 struct lw_snapshot *client_case_make_snapshot(const struct client_case_world *w, uint64_t frame) {
     struct lw_snapshot *snapshot;
     uint8_t *payload = malloc(lw_tile_codec_bound());
-    lw_support_ok(lw_snapshot_create(w->map.tile_count, 1u << LW_LIGHT_FORM_FULL, &snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(w->map.tile_count, 1u << LW_TILE_CHANNEL_FULL, &snapshot), NULL);
     snapshot->frame = frame;
     struct lw_message_transform moved = {.object = 1, .object_to_world = LW_AFFINE_IDENTITY};
     moved.object_to_world.m[1][3] = (float)frame;
@@ -129,8 +129,8 @@ struct lw_snapshot *client_case_make_snapshot(const struct client_case_world *w,
     lw_support_ok(lw_blob_from_message(&m, &snapshot->settled), NULL);
     for (uint32_t t = 0; t < w->map.tile_count; t++) {
         m = client_case_tile_message(w, t, frame, payload);
-        snapshot->tile[LW_LIGHT_FORM_FULL][t].version = frame;
-        lw_support_ok(lw_blob_from_message(&m, &snapshot->tile[LW_LIGHT_FORM_FULL][t].blob), NULL);
+        snapshot->tile[LW_TILE_CHANNEL_FULL][t].version = frame;
+        lw_support_ok(lw_blob_from_message(&m, &snapshot->tile[LW_TILE_CHANNEL_FULL][t].blob), NULL);
     }
     free(payload);
     return snapshot;

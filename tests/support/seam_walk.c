@@ -42,7 +42,7 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
     enum lw_status status = plain && walk->levels && walk->coarsest ? find_coarsest(walk) : LW_NO_MEMORY;
     double sum = 0, count = 0;
     for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
-        if ((status = lw_levels_init(&walk->levels[o], LW_LIGHT_FORM_FULL, map->atlas[o])) != LW_OK) break;
+        if ((status = lw_levels_init(&walk->levels[o], LW_TILE_CHANNEL_FULL, map->atlas[o])) != LW_OK) break;
         for (uint32_t id = map->first_tile[o]; id < map->first_tile[o] + tiles_of(map->atlas[o]); id++) {
             struct lw_solver_tile tile;
             solver->ops->read_tile(solver, (lw_tile_id){id}, &tile);
@@ -52,7 +52,7 @@ enum lw_status seam_walk_init(struct seam_walk *walk, const struct lw_scene *sce
             }
             if (light != SEAM_WALK_WELDED) {
                 tile.filled = NULL;
-                for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plain;
+                for (int c = 0; c < 3; c++) tile.shown[LW_TILE_CHANNEL_FULL][c] = plain;
             }
             lw_levels_load_tile(&walk->levels[o], &map->place[id], &tile);
         }
@@ -181,7 +181,7 @@ void seam_walk_mean_change(const struct lw_atlas_map *map, const struct lw_solve
             for (uint32_t i = 0; i < tile.width * tile.height; i++) {
                 if (!tile.covered[i]) continue;
                 sum[0] += (double)(tile.direct[1][i] + tile.indirect[1][i]);
-                sum[1] += (double)tile.shown[LW_LIGHT_FORM_FULL][1][i];
+                sum[1] += (double)tile.shown[LW_TILE_CHANNEL_FULL][1][i];
                 count++;
             }
         }

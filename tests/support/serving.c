@@ -16,7 +16,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-enum lw_light_form serving_form;
+uint32_t serving_channel;
 
 bool serving_is_paced; /* time goes on while a peer waits for bytes */
 
@@ -111,7 +111,7 @@ static struct lw_blob *frame_blob(uint64_t frame, double time_s) {
 struct lw_snapshot *serving_make_snapshot(const struct serving *f, uint64_t frame, uint64_t previous) {
     static const uint8_t payload[SERVING_PAYLOAD_SIZE] = {1};
     struct lw_snapshot *snapshot;
-    lw_support_ok(lw_snapshot_create(f->map.tile_count, 1u << serving_form, &snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(f->map.tile_count, 1u << serving_channel, &snapshot), NULL);
     snapshot->frame = frame;
     snapshot->previous_frame = previous;
     snapshot->frame_full = frame_blob(frame, 1);
@@ -119,10 +119,10 @@ struct lw_snapshot *serving_make_snapshot(const struct serving *f, uint64_t fram
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         const struct lw_tile_place *p = &f->map.place[t];
         if (!lw_atlas_map_is_used(&f->map, (lw_tile_id){t})) continue;
-        snapshot->tile[serving_form][t].version = frame;
-        snapshot->tile[serving_form][t].blob = serving_blob_of(
+        snapshot->tile[serving_channel][t].version = frame;
+        snapshot->tile[serving_channel][t].blob = serving_blob_of(
             &(struct lw_message){.type = LW_MESSAGE_TILE,
-                                 .tile = {.layer = serving_form,
+                                 .tile = {.layer = serving_channel,
                                           .object = p->object,
                                           .level = p->level,
                                           .tile = lw_atlas_map_number(&f->map, (lw_tile_id){t}),
@@ -160,7 +160,7 @@ void serving_put_bytes(int s, const void *bytes, size_t size) {
 
 void serving_put(int s, const struct lw_message *message) {
     struct lw_message m = *message;
-    if (m.type == LW_MESSAGE_HELLO && serving_form == LW_LIGHT_FORM_SPLIT)
+    if (m.type == LW_MESSAGE_HELLO && serving_channel == LW_TILE_CHANNEL_SPLIT)
         m.hello.features |= LW_FEATURE_DRAWS;
     struct lw_blob *blob = serving_blob_of(&m);
     serving_put_bytes(s, blob->bytes, blob->size);
@@ -191,10 +191,11 @@ bool serving_get_bytes(int s, uint8_t *dst, size_t size) {
     return true;
 }
 
-/* Whether it is in the form that peers ask for. What each WELCOME then has beside the rest is taken out. */
+/* Whether it is in the channel that peers ask for. What each WELCOME then has beside the rest is taken out.
+ * */
 static void check_form(struct lw_message *m) {
-    const bool draws = serving_form == LW_LIGHT_FORM_SPLIT;
-    if (m->type == LW_MESSAGE_TILE) assert_int_equal(m->tile.layer, serving_form);
+    const bool draws = serving_channel == LW_TILE_CHANNEL_SPLIT;
+    if (m->type == LW_MESSAGE_TILE) assert_int_equal(m->tile.layer, serving_channel);
     if (m->type != LW_MESSAGE_WELCOME) return;
     assert_int_equal(m->welcome.features & LW_FEATURE_DRAWS, draws ? LW_FEATURE_DRAWS : 0);
     assert_int_equal(m->welcome.client_lights_size, draws ? sizeof client_lights : 0);
@@ -408,6 +409,6 @@ size_t serving_flood(int s, const struct lw_blob *bytes, size_t total, bool *out
 
 int serving_ask_for_split(void **state) {
     (void)state;
-    serving_form = LW_LIGHT_FORM_SPLIT;
+    serving_channel = LW_TILE_CHANNEL_SPLIT;
     return 0;
 }

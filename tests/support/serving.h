@@ -1,5 +1,5 @@
 /* serving.h: a server in a thread of its own, and raw sockets of the test as its peers. Snapshots are made by
- * hand: the payloads only have to be bytes. Peers ask for one form of light, which snapshots have; the server
+ * hand: the payloads only have to be bytes. Peers ask for one irradiance, which snapshots have; the server
  * knows both. The server's clock stands from its start to its end: no time-out strikes unless the test moves
  * the clock. A test of it has LIBS lw_test_serving and WRAP clock_gettime uv_timer_start uv_timer_stop
  * (server_clock.h). */
@@ -21,8 +21,8 @@
 #define SERVING_FLOOD_MAX    (6u << 20) /* upper bound on the bytes that sockets hold */
 #define SERVING_CLIENT_TOKEN 0x1122334455667788u
 
-/* The form of light that peers ask for. */
-extern enum lw_light_form serving_form;
+/* The irradiance that peers ask for. */
+extern uint32_t serving_channel;
 /* The clock goes on while a peer waits for bytes. serving_start() resets it. */
 extern bool serving_is_paced;
 /* Finer levels of the next server, and the ids that their tiles share. */
@@ -134,7 +134,7 @@ struct lw_scene_change *serving_take(const struct serving *f, uint64_t frame, si
  * which sets *out_closed. Returns the bytes. total: bytes of these that are written already. */
 size_t serving_flood(int s, const struct lw_blob *bytes, size_t total, bool *out_closed);
 
-/** Set-up of tests in which peers ask for the split form. */
+/** Set-up of tests in which peers ask for the split irradiance. */
 int serving_ask_for_split(void **state);
 
 #endif

@@ -220,9 +220,9 @@ static struct lw_snapshot *make_spare_snapshot(const struct client_case_world *w
     for (uint32_t t = 0; t < w->map.tile_count; t++) { /* only its coarsest level has come, long ago */
         if (w->map.place[t].object != object) continue;
         const struct lw_message tile = client_case_tile_message(w, t, coarsest, payload);
-        snapshot->tile[LW_LIGHT_FORM_FULL][t].version = coarsest;
-        lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
-        lw_support_ok(lw_blob_from_message(&tile, &snapshot->tile[LW_LIGHT_FORM_FULL][t].blob), NULL);
+        snapshot->tile[LW_TILE_CHANNEL_FULL][t].version = coarsest;
+        lw_blob_unref(snapshot->tile[LW_TILE_CHANNEL_FULL][t].blob);
+        lw_support_ok(lw_blob_from_message(&tile, &snapshot->tile[LW_TILE_CHANNEL_FULL][t].blob), NULL);
     }
     free(payload);
     return snapshot;

@@ -15,9 +15,9 @@ static struct lw_snapshot *make_next_snapshot(const struct client_case_world *w,
                                               const struct lw_snapshot *before) {
     struct lw_snapshot *snapshot = client_case_make_snapshot(w, before->frame + 1);
     for (uint32_t t = 1; t < w->map.tile_count; t++) {
-        lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
-        snapshot->tile[LW_LIGHT_FORM_FULL][t] = before->tile[LW_LIGHT_FORM_FULL][t];
-        lw_blob_ref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
+        lw_blob_unref(snapshot->tile[LW_TILE_CHANNEL_FULL][t].blob);
+        snapshot->tile[LW_TILE_CHANNEL_FULL][t] = before->tile[LW_TILE_CHANNEL_FULL][t];
+        lw_blob_ref(snapshot->tile[LW_TILE_CHANNEL_FULL][t].blob);
     }
     return snapshot;
 }
@@ -95,9 +95,9 @@ static struct lw_snapshot *change_half(const struct client_case_world *w, const 
                                        uint64_t frame) {
     struct lw_snapshot *snapshot = client_case_make_snapshot(w, frame);
     for (uint32_t t = 1; t < w->map.tile_count; t += 2) {
-        lw_blob_unref(snapshot->tile[LW_LIGHT_FORM_FULL][t].blob);
-        snapshot->tile[LW_LIGHT_FORM_FULL][t] = (struct lw_snapshot_tile){
-            .version = 1, .blob = lw_blob_ref(first->tile[LW_LIGHT_FORM_FULL][t].blob)};
+        lw_blob_unref(snapshot->tile[LW_TILE_CHANNEL_FULL][t].blob);
+        snapshot->tile[LW_TILE_CHANNEL_FULL][t] = (struct lw_snapshot_tile){
+            .version = 1, .blob = lw_blob_ref(first->tile[LW_TILE_CHANNEL_FULL][t].blob)};
     }
     return snapshot;
 }

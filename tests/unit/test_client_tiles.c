@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <sys/socket.h>
 
-/* Tiles: of two forms, as differences, of finer levels, stale. */
+/* Tiles: of two channels, as differences, of finer levels, stale. */
 
 /* ---- against our own server ---- */
 
@@ -17,12 +17,12 @@
 /* Adds split tiles, which hold other light. */
 static struct lw_snapshot *add_split(const struct client_case_world *w, struct lw_snapshot *snapshot) {
     uint8_t *payload = malloc(lw_tile_codec_bound());
-    snapshot->channels |= 1u << LW_LIGHT_FORM_SPLIT;
-    snapshot->tile[LW_LIGHT_FORM_SPLIT] = calloc(w->map.tile_count, sizeof(struct lw_snapshot_tile));
+    snapshot->channels |= 1u << LW_TILE_CHANNEL_SPLIT;
+    snapshot->tile[LW_TILE_CHANNEL_SPLIT] = calloc(w->map.tile_count, sizeof(struct lw_snapshot_tile));
     for (uint32_t t = 0; t < w->map.tile_count; t++) {
-        struct lw_snapshot_tile *tile = &snapshot->tile[LW_LIGHT_FORM_SPLIT][t];
+        struct lw_snapshot_tile *tile = &snapshot->tile[LW_TILE_CHANNEL_SPLIT][t];
         struct lw_message m = client_case_tile_message(w, t, snapshot->frame + SPLIT_OFF, payload);
-        m.tile.layer = LW_LIGHT_FORM_SPLIT;
+        m.tile.layer = LW_TILE_CHANNEL_SPLIT;
         m.tile.version = tile->version = snapshot->frame;
         lw_support_ok(lw_blob_from_message(&m, &tile->blob), NULL);
     }
@@ -42,8 +42,7 @@ static struct client_case_running start_drawn(const struct client_case_world *w,
                                                                     .client_materials_size = 1});
 }
 
-/* A client that draws gets the other form, beside one that does not; nothing of one form stands in for the
- * other. */
+/* Clients that draw take channel 1, others channel 0. A tile of one never counts for the other channel. */
 static void test_draws(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();
@@ -70,7 +69,7 @@ static void test_draws(void **state) {
     for (uint32_t i = 0; i < draws->material_count; i++) assert_int_equal(draws->material[i], i == 1);
     lw_support_ok(lw_client_poll(client, 20, &err), &err);
     lw_client_get_stats(client, &stats);
-    assert_int_equal(stats.frame, 0); /* nobody took this form before */
+    assert_int_equal(stats.frame, 0); /* nobody took this channel before */
     struct lw_snapshot *eighth = add_split(&w, client_case_make_snapshot(&w, 8));
     client_case_publish(&r, lw_snapshot_ref(eighth));
     client_case_poll_until_tiles(client, w.map.tile_count);
@@ -79,7 +78,8 @@ static void test_draws(void **state) {
         client_case_expect_texels(client, &w, t, 8 + SPLIT_OFF);
         client_case_expect_tile(plain, &w, t, 8);
     }
-    /* the link breaks: no tile that the client has is sent again, though the other form had version 7 too */
+    /* the link breaks: no tile that the client has is sent again, though the other channel had version 7 too
+     * */
     assert_int_equal(shutdown(lw_client_descriptor(client), SHUT_RDWR), 0);
     client_case_lose_connection(client);
     lw_support_ok(lw_client_reconnect(client, &err), &err);
@@ -112,7 +112,7 @@ static void test_draws(void **state) {
 /* ---- against a peer that reads from a script ---- */
 
 /* Light that the client would count twice, or miss, ends the session; so does what no scene has. */
-static void test_forms_out_of_place(void **state) {
+static void test_channels_out_of_place(void **state) {
     (void)state;
     struct client_case_world w = client_case_make_world();
     struct client_case_script s = {0};
@@ -130,7 +130,7 @@ static void test_forms_out_of_place(void **state) {
     client_case_say(&s, &tile);
     client_case_expect_failure_of(&s, true, LW_PROTOCOL, "it is of layer 0 in a session that gets layer 1",
                                   true);
-    tile.tile.layer = LW_LIGHT_FORM_SPLIT;
+    tile.tile.layer = LW_TILE_CHANNEL_SPLIT;
     for (int i = 0; i < 2; i++) {
         client_case_say(&s, &plain);
         client_case_say_package(&s, &w);
@@ -237,7 +237,7 @@ static void test_tiles_of_finer_levels(void **state) {
     struct lw_message_tile tile = {
         .level = LW_ATLAS_FINER + 2, .version = 10, .codec = LW_TILE_CODEC_HALF_ZSTD, .payload = payload};
     uint32_t saturated = 0;
-    lw_support_ok(lw_tile_codec_encode_half(w.codec, lw_tile_channel_at(LW_LIGHT_FORM_FULL), value,
+    lw_support_ok(lw_tile_codec_encode_half(w.codec, lw_tile_channel_at(LW_TILE_CHANNEL_FULL), value,
                                             map->place[id.v].width, map->place[id.v].height, payload,
                                             lw_tile_codec_bound(), &tile.payload_size, &tile.scale,
                                             &saturated),
@@ -330,7 +330,7 @@ static void test_stale_tiles(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_draws),
-        cmocka_unit_test(test_forms_out_of_place),
+        cmocka_unit_test(test_channels_out_of_place),
         cmocka_unit_test(test_tiles_that_build_on_others),
         cmocka_unit_test(test_tiles_of_finer_levels),
         cmocka_unit_test(test_stale_tiles),

@@ -110,7 +110,7 @@ static void set_up(struct fixture *f) {
     f->delta = malloc(lw_tile_codec_bound());
     assert_true(f->payload && f->delta);
     lw_support_ok(
-        lw_transcoder_create(lw_tile_channel_at(LW_LIGHT_FORM_FULL), &f->map, note_wake, f, &f->transcoder),
+        lw_transcoder_create(lw_tile_channel_at(LW_TILE_CHANNEL_FULL), &f->map, note_wake, f, &f->transcoder),
         NULL);
     lw_support_ok(lw_deltas_init(&f->deltas, f->map.tile_count, f->transcoder), NULL);
 }

@@ -14,9 +14,9 @@ static struct lw_tile_place place = {.width = SIDE, .height = SIDE};
 static void load(struct lw_levels *levels) {
     struct lw_atlas atlas;
     lw_atlas_init(&atlas, SIDE, SIDE);
-    lw_support_ok(lw_levels_init(levels, LW_LIGHT_FORM_FULL, &atlas), NULL);
+    lw_support_ok(lw_levels_init(levels, LW_TILE_CHANNEL_FULL, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_TILE_CHANNEL_FULL][c] = plane[c];
     lw_levels_load_tile(levels, &place, &tile);
     lw_levels_build(levels);
 }
@@ -70,9 +70,9 @@ static void test_filled_gutters_are_kept(void **state) {
     struct lw_levels levels;
     struct lw_atlas atlas;
     lw_atlas_init(&atlas, SIDE, SIDE);
-    lw_support_ok(lw_levels_init(&levels, LW_LIGHT_FORM_FULL, &atlas), NULL);
+    lw_support_ok(lw_levels_init(&levels, LW_TILE_CHANNEL_FULL, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .filled = filled, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_TILE_CHANNEL_FULL][c] = plane[c];
     lw_levels_load_tile(&levels, &place, &tile);
     lw_levels_build(&levels);
     assert_true(red(&levels, 0, 1, 0) == 10);
@@ -113,9 +113,9 @@ static void test_coarsest_level_is_filled_from_gutters(void **state) {
     struct lw_levels levels;
     struct lw_atlas atlas;
     lw_atlas_init(&atlas, SIDE, SIDE);
-    lw_support_ok(lw_levels_init(&levels, LW_LIGHT_FORM_FULL, &atlas), NULL);
+    lw_support_ok(lw_levels_init(&levels, LW_TILE_CHANNEL_FULL, &atlas), NULL);
     struct lw_solver_tile tile = {.covered = covered, .filled = filled, .width = SIDE, .height = SIDE};
-    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = plane[c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_TILE_CHANNEL_FULL][c] = plane[c];
     lw_levels_load_tile(&levels, &place, &tile);
     lw_levels_build(&levels);
     const uint32_t last = levels.count - 1, side = SIDE >> last;
@@ -179,7 +179,7 @@ static void load_tile(struct solved *s, uint32_t t, struct lw_levels *levels) {
                                   .filled = s->filled[t],
                                   .width = s->place[t].width,
                                   .height = s->place[t].height};
-    for (int c = 0; c < 3; c++) tile.shown[LW_LIGHT_FORM_FULL][c] = s->light[t][c];
+    for (int c = 0; c < 3; c++) tile.shown[LW_TILE_CHANNEL_FULL][c] = s->light[t][c];
     lw_levels_load_tile(levels, &s->place[t], &tile);
 }
 
@@ -215,7 +215,7 @@ static void test_parts_are_as_the_whole(void **state) {
     lw_atlas_init(&s.atlas, WIDTH, HEIGHT);
     assert_true(s.atlas.level[0].tiles_x == 4 && s.atlas.level[0].tiles_y == 6 && s.atlas.level_count > 4);
     struct lw_levels parts, before;
-    lw_support_ok(lw_levels_init(&parts, LW_LIGHT_FORM_FULL, &s.atlas), NULL);
+    lw_support_ok(lw_levels_init(&parts, LW_TILE_CHANNEL_FULL, &s.atlas), NULL);
     for (uint32_t t = 0; t < 24; t++) {
         s.place[t] = (struct lw_tile_place){.x = t % 4, .y = t / 4};
         s.place[t].width = t % 4 == 3 ? WIDTH - 192 : 64;
@@ -224,7 +224,7 @@ static void test_parts_are_as_the_whole(void **state) {
         load_tile(&s, t, &parts);
     }
     lw_levels_build(&parts);
-    lw_support_ok(lw_levels_init(&before, LW_LIGHT_FORM_FULL, &s.atlas), NULL);
+    lw_support_ok(lw_levels_init(&before, LW_TILE_CHANNEL_FULL, &s.atlas), NULL);
     for (uint32_t t = 0; t < 24; t++) load_tile(&s, t, &before);
     lw_levels_build(&before);
     for (int round = 0; round < 40; round++) {
@@ -235,7 +235,7 @@ static void test_parts_are_as_the_whole(void **state) {
             load_tile(&s, t, &parts);
         }
         lw_levels_build(&parts);
-        lw_support_ok(lw_levels_init(&whole, LW_LIGHT_FORM_FULL, &s.atlas), NULL);
+        lw_support_ok(lw_levels_init(&whole, LW_TILE_CHANNEL_FULL, &s.atlas), NULL);
         for (uint32_t t = 0; t < 24; t++) load_tile(&s, t, &whole);
         lw_levels_build(&whole);
         for (uint32_t l = 0; l < whole.count; l++) {

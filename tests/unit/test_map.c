@@ -44,7 +44,7 @@ static void fake_read_tile(const struct lw_solver *solver, lw_tile_id id, struct
                                    .error = place->x ? 0.3f : 0.1f,
                                    .sample_count = 7 + place->x};
     for (int c = 0; c < 3; c++) {
-        out->shown[LW_LIGHT_FORM_FULL][c] = fake->light[c];
+        out->shown[LW_TILE_CHANNEL_FULL][c] = fake->light[c];
         out->albedo[c] = fake->albedo[c];
     }
 }
@@ -76,7 +76,7 @@ static int tear_down(void **state) {
 
 static void build(struct lw_map *map, enum lw_convention_kind kind) {
     struct lw_error err = {0};
-    lw_support_ok(lw_map_build(map, scene, &atlas_map, &fake.base, LW_LIGHT_FORM_FULL, 0,
+    lw_support_ok(lw_map_build(map, scene, &atlas_map, &fake.base, LW_TILE_CHANNEL_FULL, 0,
                                lw_convention_get(kind), &err),
                   &err);
 }
@@ -158,7 +158,7 @@ static void light_that_is_not_finite_is_never_written(void **state) {
     struct lw_map map;
     struct lw_error err = {0};
     fake.gain = NAN;
-    lw_support_fails(lw_map_build(&map, scene, &atlas_map, &fake.base, LW_LIGHT_FORM_FULL, 0,
+    lw_support_fails(lw_map_build(&map, scene, &atlas_map, &fake.base, LW_TILE_CHANNEL_FULL, 0,
                                   lw_convention_get(LW_CONVENTION_THREE), &err),
                      LW_INTERNAL, &err, "not finite");
 }

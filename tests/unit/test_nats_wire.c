@@ -53,16 +53,16 @@ static void subjects(void **state) {
     lw_nats_wire_subject(subject, scene, "kept.%u.%u.%u.%u", UINT32_MAX, UINT32_MAX, UINT32_MAX, UINT32_MAX);
 }
 
-/* One form of light, and channels that follow it; nothing else. */
+/* One irradiance, and channels that follow it; nothing else. */
 static void forms_of_channels(void **state) {
     (void)state;
-    const uint32_t full = 1u << LW_LIGHT_FORM_FULL, split = 1u << LW_LIGHT_FORM_SPLIT,
+    const uint32_t full = 1u << LW_TILE_CHANNEL_FULL, split = 1u << LW_TILE_CHANNEL_SPLIT,
                    direction = 1u << LW_TILE_CHANNEL_DIRECTION,
                    direction_split = 1u << LW_TILE_CHANNEL_DIRECTION_SPLIT;
-    assert_int_equal(lw_nats_wire_form(full), LW_LIGHT_FORM_FULL);
-    assert_int_equal(lw_nats_wire_form(split), LW_LIGHT_FORM_SPLIT);
-    assert_int_equal(lw_nats_wire_form(full | direction), LW_LIGHT_FORM_FULL);
-    assert_int_equal(lw_nats_wire_form(split | direction_split), LW_LIGHT_FORM_SPLIT);
+    assert_int_equal(lw_nats_wire_irradiance(full), LW_TILE_CHANNEL_FULL);
+    assert_int_equal(lw_nats_wire_irradiance(split), LW_TILE_CHANNEL_SPLIT);
+    assert_int_equal(lw_nats_wire_irradiance(full | direction), LW_TILE_CHANNEL_FULL);
+    assert_int_equal(lw_nats_wire_irradiance(split | direction_split), LW_TILE_CHANNEL_SPLIT);
     const uint32_t bad[] = {0,
                             direction,
                             full | split,
@@ -71,7 +71,7 @@ static void forms_of_channels(void **state) {
                             full | 1u << lw_tile_channels()->count,
                             UINT32_MAX};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++)
-        assert_int_equal(lw_nats_wire_form(bad[i]), UINT32_MAX);
+        assert_int_equal(lw_nats_wire_irradiance(bad[i]), UINT32_MAX);
 }
 
 /* A prefix and two messages; cut off at each byte it gives a status. */

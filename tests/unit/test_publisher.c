@@ -147,7 +147,7 @@ static void test_deltas(void **state) {
     for (uint64_t frame = 1; frame <= 6; frame++) {
         set_light(frame, 5);
         struct lw_snapshot *s = publish(&w, frame);
-        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][0];
+        const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][0];
         assert_int_equal(tile->version, lw_snapshot_version(frame));
         whole_size += decode(&w, tile->blob, frame, 0, frame > 1 ? NULL : &levels, joined, &scale);
         assert_true(frame > 1 ? tile->delta && tile->base == lw_snapshot_version(frame - 1) : !tile->delta);
@@ -159,13 +159,13 @@ static void test_deltas(void **state) {
     }
     assert_true(delta_size < whole_size * 2 / 3);
     struct lw_snapshot *s = publish(&w, 7); /* nothing moved: sent tiles stay as they are */
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].base, lw_snapshot_version(5));
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version, lw_snapshot_version(6));
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].base, lw_snapshot_version(5));
     lw_snapshot_unref(s);
     set_light(8, 5000); /* no sent tile is of use */
     s = publish(&w, 8);
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(8));
-    assert_null(s->tile[LW_LIGHT_FORM_FULL][0].delta);
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version, lw_snapshot_version(8));
+    assert_null(s->tile[LW_TILE_CHANNEL_FULL][0].delta);
     lw_snapshot_unref(s);
     finish_world(&w);
 }
@@ -177,8 +177,8 @@ static void expect_fresh(const struct lw_snapshot *s, uint64_t frame) {
     error = 0.2f;
     struct lw_snapshot *whole = publish(&fresh, frame);
     for (uint32_t t = 0; t < s->tile_count; t++) {
-        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
-        const struct lw_blob *blob = whole->tile[LW_LIGHT_FORM_FULL][t].blob;
+        const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][t];
+        const struct lw_blob *blob = whole->tile[LW_TILE_CHANNEL_FULL][t].blob;
         assert_null(tile->delta);
         assert_int_equal(tile->version, lw_snapshot_version(frame));
         assert_int_equal(tile->blob->size, blob->size);
@@ -207,7 +207,7 @@ static void test_state_of_who_is_looked_at(void **state) {
         wanted[0] = frame >= 4 && frame <= 6;
         lw_publisher_want(w.publisher, wanted);
         struct lw_snapshot *s = publish(&w, frame);
-        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][0];
+        const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][0];
         if (frame < 5 || frame > 6) {
             expect_fresh(s, frame);
         } else {
@@ -221,7 +221,7 @@ static void test_state_of_who_is_looked_at(void **state) {
     }
     assert_true(lw_publisher_memory_bytes(w.publisher) < looked_at / 4);
     struct lw_snapshot *s = publish(&w, 9); /* nothing moved */
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(8));
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version, lw_snapshot_version(8));
     lw_snapshot_unref(s);
     free(wanted);
     finish_world(&w);
@@ -276,15 +276,15 @@ static void test_an_object_that_was_a_spare(void **state) {
     s = publish(&w, 5);
     expect_object(s->frame_full, 0, 0, 1);
     expect_object(s->frame_delta, 0, 0, 1);
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(1)); /* not solved yet */
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version, lw_snapshot_version(1)); /* not solved yet */
     lw_snapshot_unref(s);
     solved_frame = 6;
     s = publish(&w, 6);
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version, lw_snapshot_version(6));
     lw_snapshot_unref(s);
     solved_frame = 7;
     s = publish(&w, 7); /* and only then */
-    assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version, lw_snapshot_version(6));
+    assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version, lw_snapshot_version(6));
     lw_snapshot_unref(s);
     finish_world(&w);
 }
@@ -304,7 +304,7 @@ static void test_another_class_of_error(void **state) {
         error = step[frame - 1].error;
         solved_frame = frame;
         struct lw_snapshot *s = publish(&w, frame);
-        assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][0].version == lw_snapshot_version(frame),
+        assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][0].version == lw_snapshot_version(frame),
                          step[frame - 1].is_sent);
         lw_snapshot_unref(s);
     }
@@ -346,34 +346,34 @@ static void test_dark_beside_white(void **state) {
     for (uint32_t i = 0; i < SIDE * SIDE / 32; i++)
         for (int c = 0; c < 3; c++) light[c][i] = 2048; /* makes a mean of 64 and a white of 2,048 */
     struct lw_snapshot *s = publish(&w, 1);
-    decode(&w, s->tile[LW_LIGHT_FORM_FULL][0].blob, 1, 0, NULL, rgb, &scale);
+    decode(&w, s->tile[LW_TILE_CHANNEL_FULL][0].blob, 1, 0, NULL, rgb, &scale);
     assert_true(scale >= 2048 * 0.8f * LW_PUBLISHER_DARK_SHARE);
     lw_snapshot_unref(s);
     finish_world(&w);
 }
 
-#define FULL  (1u << LW_LIGHT_FORM_FULL)
-#define SPLIT (1u << LW_LIGHT_FORM_SPLIT)
+#define FULL  (1u << LW_TILE_CHANNEL_FULL)
+#define SPLIT (1u << LW_TILE_CHANNEL_SPLIT)
 
-static void expect_form(const struct world *w, const struct lw_snapshot *s, enum lw_light_form form,
-                        uint64_t version, float value) {
+static void expect_channel(const struct world *w, const struct lw_snapshot *s, uint32_t channel,
+                           uint64_t version, float value) {
     static float rgb[SIDE * SIDE * 3];
     float scale;
     struct lw_framing_header header;
     struct lw_message m;
-    assert_true(lw_snapshot_has(s, form));
-    const struct lw_blob *blob = s->tile[form][0].blob;
-    assert_int_equal(s->tile[form][0].version, lw_snapshot_version(version));
+    assert_true(lw_snapshot_has(s, channel));
+    const struct lw_blob *blob = s->tile[channel][0].blob;
+    assert_int_equal(s->tile[channel][0].version, lw_snapshot_version(version));
     decode(w, blob, version, 0, NULL, rgb, &scale);
     assert_true(fabsf(rgb[0] / value - 1) < 0.001f);
     lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
     lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
-    assert_int_equal(m.tile.layer, form);
+    assert_int_equal(m.tile.layer, channel);
     lw_message_finish(&m);
 }
 
-/* A form is published while it is to be, whole from the next frame on, though nothing was solved. */
-static void test_forms(void **state) {
+/* A channel is published while it is to be, whole from the next frame on, though nothing was solved. */
+static void test_channels(void **state) {
     (void)state;
     struct world w;
     init_world(&w, LW_TILE_CODEC_HALF_ZSTD);
@@ -382,34 +382,34 @@ static void test_forms(void **state) {
         for (int c = 0; c < 3; c++) split[c][i] = 0.25f * light[c][i];
     struct lw_snapshot *s = publish(&w, 1);
     assert_int_equal(s->channels, FULL);
-    assert_null(s->tile[LW_LIGHT_FORM_SPLIT]);
+    assert_null(s->tile[LW_TILE_CHANNEL_SPLIT]);
     assert_int_equal(stats.split_tiles_encoded, 0);
     lw_snapshot_unref(s);
     const size_t one = lw_publisher_memory_bytes(w.publisher);
     lw_support_ok(lw_publisher_set_channels(w.publisher, FULL | SPLIT), NULL);
     s = publish_solved(&w, 2, 0);
     assert_int_equal(s->channels, FULL | SPLIT);
-    expect_form(&w, s, LW_LIGHT_FORM_FULL, 1, light[0][0]);
-    expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
+    expect_channel(&w, s, LW_TILE_CHANNEL_FULL, 1, light[0][0]);
+    expect_channel(&w, s, LW_TILE_CHANNEL_SPLIT, 2, split[0][0]);
     assert_true(stats.split_tiles_encoded == w.map.tile_count &&
                 stats.tiles_encoded == stats.split_tiles_encoded &&
                 stats.bytes_encoded == stats.split_bytes_encoded);
     assert_true(lw_publisher_memory_bytes(w.publisher) > 3 * one / 2);
     lw_snapshot_unref(s);
     s = publish_solved(&w, 3, 0); /* nothing is news */
-    expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
+    expect_channel(&w, s, LW_TILE_CHANNEL_SPLIT, 2, split[0][0]);
     assert_int_equal(stats.tiles_encoded, 0);
     lw_snapshot_unref(s);
     lw_support_ok(lw_publisher_set_channels(w.publisher, SPLIT), NULL);
     set_light(4, 10); /* a client light is brighter: the rest is as it was */
     s = publish(&w, 4);
     assert_int_equal(s->channels, SPLIT);
-    expect_form(&w, s, LW_LIGHT_FORM_SPLIT, 2, split[0][0]);
+    expect_channel(&w, s, LW_TILE_CHANNEL_SPLIT, 2, split[0][0]);
     lw_snapshot_unref(s);
     lw_support_ok(lw_publisher_set_channels(w.publisher, FULL), NULL);
     s = publish_solved(&w, 5, 0);
     assert_int_equal(s->channels, FULL);
-    expect_form(&w, s, LW_LIGHT_FORM_FULL, 5, light[0][0]);
+    expect_channel(&w, s, LW_TILE_CHANNEL_FULL, 5, light[0][0]);
     lw_snapshot_unref(s);
     assert_true(lw_publisher_memory_bytes(w.publisher) < 5 * one / 4);
     finish_world(&w);
@@ -437,7 +437,7 @@ static void test_split_steps_are_wider(void **state) {
         memcpy(split, light, sizeof split);
         struct lw_snapshot *s = publish(&w, frame);
         const int wider =
-            step_q(s->tile[LW_LIGHT_FORM_FULL][0].blob) - step_q(s->tile[LW_LIGHT_FORM_SPLIT][0].blob);
+            step_q(s->tile[LW_TILE_CHANNEL_FULL][0].blob) - step_q(s->tile[LW_TILE_CHANNEL_SPLIT][0].blob);
         assert_int_equal(wider, 8); /* twice the step */
         lw_snapshot_unref(s);
     }
@@ -459,7 +459,7 @@ static void test_dark_beside_what_is_drawn(void **state) {
             if (i < SIDE * SIDE / 32) light[c][i] = 2048;
         }
     struct lw_snapshot *s = publish(&w, 1);
-    decode(&w, s->tile[LW_LIGHT_FORM_SPLIT][0].blob, 1, 0, NULL, rgb, &scale);
+    decode(&w, s->tile[LW_TILE_CHANNEL_SPLIT][0].blob, 1, 0, NULL, rgb, &scale);
     assert_true(scale >= 512 * LW_PUBLISHER_DARK_SHARE); /* 2,048 over a quarter of a square's rows */
     lw_snapshot_unref(s);
     finish_world(&w);
@@ -474,9 +474,9 @@ static void test_halves_have_no_deltas(void **state) {
     for (uint64_t frame = 1; frame <= 2; frame++) {
         set_light(frame, 5);
         struct lw_snapshot *s = publish(&w, frame);
-        decode(&w, s->tile[LW_LIGHT_FORM_FULL][0].blob, frame, 0, NULL, rgb, &scale);
+        decode(&w, s->tile[LW_TILE_CHANNEL_FULL][0].blob, frame, 0, NULL, rgb, &scale);
         assert_true(fabsf(rgb[0] / light[0][0] - 1) < 0.001f);
-        assert_null(s->tile[LW_LIGHT_FORM_FULL][0].delta);
+        assert_null(s->tile[LW_TILE_CHANNEL_FULL][0].delta);
         lw_snapshot_unref(s);
     }
     finish_world(&w);
@@ -496,7 +496,7 @@ struct follower {
 /* Two objects: the tile of the second is not even looked at where that of the first fails. */
 static void follow(const struct world *w, const struct lw_snapshot *s, uint32_t id, struct follower *f) {
     float scale;
-    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id];
+    const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][id];
     const uint64_t frame = lw_snapshot_frame_of(tile->version);
     decode(w, tile->blob, frame, 0, &f->levels, f->followed, &scale);
 }
@@ -504,7 +504,7 @@ static void follow(const struct world *w, const struct lw_snapshot *s, uint32_t 
 static void expect_newest(const struct world *w, const struct lw_snapshot *s, uint32_t id, uint64_t failed,
                           struct follower *f) {
     float scale;
-    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id];
+    const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][id];
     const uint64_t frame = lw_snapshot_frame_of(tile->version), base = lw_snapshot_frame_of(tile->base);
     const bool follows = tile->delta && base == failed - 1;
     assert_in_range(frame, failed, failed + 1);
@@ -566,7 +566,7 @@ static bool hold_back_without(unsigned allocation) {
         w.pose.object_spare[0] = w.pose.object_hidden[0] = false;
         s = publish_solved(&w, 5, 0);
         for (uint32_t t = 0; t < s->tile_count; t++) {
-            const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][t];
+            const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][t];
             assert_int_equal(tile->version == 0, tile->blob == NULL);
             assert_true(!tile->delta || tile->base < tile->version);
         }
@@ -597,7 +597,7 @@ static void test_without_memory(void **state) {
 /* ---- tiles of finer levels ---- */
 
 static struct lw_message_tile tile_of(const struct lw_snapshot *s, lw_tile_id id) {
-    const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][id.v];
+    const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][id.v];
     struct lw_message m;
     lw_support_ok(lw_message_decode_whole(tile->blob->bytes, tile->blob->size, &m), NULL);
     const struct lw_message_tile is = m.tile;
@@ -621,7 +621,7 @@ static void test_fine_tiles_come_and_go(void **state) {
         fine_is_there = frame < 4 || frame > 6;
         set_light(frame, 5);
         struct lw_snapshot *s = publish(&w, frame);
-        const struct lw_snapshot_tile *tile = &s->tile[LW_LIGHT_FORM_FULL][fine.v];
+        const struct lw_snapshot_tile *tile = &s->tile[LW_TILE_CHANNEL_FULL][fine.v];
         const uint64_t expected = frame < 2 ? 0 : frame < 4 ? frame : frame <= 6 ? 4 : frame;
         assert_int_equal(tile->version, expected ? lw_snapshot_version(expected) : 0);
         assert_true(!tile->delta || frame == 3 || frame > 7);
@@ -659,7 +659,7 @@ static void test_a_fine_tile_with_the_larger_error_is_held_back(void **state) {
         for (uint64_t frame = 1; frame < 3; frame++) {
             set_light(frame, 5);
             struct lw_snapshot *s = publish(&w, frame);
-            assert_int_equal(s->tile[LW_LIGHT_FORM_FULL][fine.v].version != 0, cases[i].sent);
+            assert_int_equal(s->tile[LW_TILE_CHANNEL_FULL][fine.v].version != 0, cases[i].sent);
             assert_true(lw_snapshot_holds_fine(s, fine.v - w.map.plain_count));
             lw_snapshot_unref(s);
         }
@@ -679,7 +679,7 @@ int main(void) {
         cmocka_unit_test(test_another_class_of_error),
         cmocka_unit_test(test_steps),
         cmocka_unit_test(test_dark_beside_white),
-        cmocka_unit_test(test_forms),
+        cmocka_unit_test(test_channels),
         cmocka_unit_test(test_split_steps_are_wider),
         cmocka_unit_test(test_dark_beside_what_is_drawn),
         cmocka_unit_test(test_halves_have_no_deltas),

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FULL = LW_LIGHT_FORM_FULL, SPLIT = LW_LIGHT_FORM_SPLIT };
+enum { FULL = LW_TILE_CHANNEL_FULL, SPLIT = LW_TILE_CHANNEL_SPLIT };
 
 static struct lw_relay_light *light;
 static const struct lw_atlas_map *map;

@@ -14,7 +14,7 @@
 #define FRAME        41u
 #define TARGET_ERROR 0.02f
 #define CHANNELS                                                                                             \
-    (1u << LW_LIGHT_FORM_FULL | 1u << LW_LIGHT_FORM_SPLIT | 1u << LW_TILE_CHANNEL_DIRECTION |                \
+    (1u << LW_TILE_CHANNEL_FULL | 1u << LW_TILE_CHANNEL_SPLIT | 1u << LW_TILE_CHANNEL_DIRECTION |            \
      1u << LW_TILE_CHANNEL_DIRECTION_SPLIT)
 
 static const uint8_t key[LW_SAVED_LIGHT_KEY_SIZE] = "sixteen bytes..",
@@ -64,10 +64,10 @@ static int init_world(void **state) {
     w.snapshot->frame = FRAME;
     for (uint32_t o = 0; o < 2; o++) {
         const uint32_t id = lw_atlas_map_find(&w.map, o, 0, 0, 0).v;
-        w.snapshot->tile[LW_LIGHT_FORM_FULL][id] = (struct lw_snapshot_tile){
-            .version = FRAME - 1, .blob = tile_blob(o, LW_LIGHT_FORM_FULL, 0.01f + (float)o)};
+        w.snapshot->tile[LW_TILE_CHANNEL_FULL][id] = (struct lw_snapshot_tile){
+            .version = FRAME - 1, .blob = tile_blob(o, LW_TILE_CHANNEL_FULL, 0.01f + (float)o)};
     }
-    for (uint32_t channel = LW_LIGHT_FORM_SPLIT; channel <= LW_TILE_CHANNEL_DIRECTION_SPLIT; channel++)
+    for (uint32_t channel = LW_TILE_CHANNEL_SPLIT; channel <= LW_TILE_CHANNEL_DIRECTION_SPLIT; channel++)
         w.snapshot->tile[channel][lw_atlas_map_find(&w.map, 0, 0, 0, 0).v] =
             (struct lw_snapshot_tile){.version = FRAME - 1, .blob = tile_blob(0, channel, 0.01f)};
     *state = &w;
@@ -100,7 +100,7 @@ static struct lw_snapshot *keep_and_load(const struct world *w, bool steady) {
 static float error_of(const struct lw_snapshot *snapshot, uint32_t id) {
     struct lw_message tile;
     size_t size;
-    decode(snapshot->tile[LW_LIGHT_FORM_FULL][id].blob, &tile, &size);
+    decode(snapshot->tile[LW_TILE_CHANNEL_FULL][id].blob, &tile, &size);
     const float error = tile.tile.error;
     lw_message_finish(&tile);
     return error;
@@ -202,15 +202,15 @@ static void what_is_written_wrongly_is_refused(void **state) {
     free(bytes);
     const uint32_t first = lw_atlas_map_find(&w->map, 0, 0, 0, 0).v,
                    second = lw_atlas_map_find(&w->map, 1, 0, 0, 0).v;
-    lw_blob_unref(w->snapshot->tile[LW_LIGHT_FORM_FULL][second].blob);
-    w->snapshot->tile[LW_LIGHT_FORM_FULL][second].blob =
-        lw_blob_ref(w->snapshot->tile[LW_LIGHT_FORM_FULL][first].blob);
+    lw_blob_unref(w->snapshot->tile[LW_TILE_CHANNEL_FULL][second].blob);
+    w->snapshot->tile[LW_TILE_CHANNEL_FULL][second].blob =
+        lw_blob_ref(w->snapshot->tile[LW_TILE_CHANNEL_FULL][first].blob);
     lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "it came twice");
-    w->snapshot->channels = 1u << LW_LIGHT_FORM_FULL;
-    struct lw_snapshot_tile *tile = &w->snapshot->tile[LW_LIGHT_FORM_FULL][second];
+    w->snapshot->channels = 1u << LW_TILE_CHANNEL_FULL;
+    struct lw_snapshot_tile *tile = &w->snapshot->tile[LW_TILE_CHANNEL_FULL][second];
     lw_blob_unref(tile->blob);
-    tile->blob = tile_blob(1, LW_LIGHT_FORM_SPLIT, 0);
+    tile->blob = tile_blob(1, LW_TILE_CHANNEL_SPLIT, 0);
     lw_support_ok(lw_saved_light_save(w->path, key, w->snapshot, true, NULL), NULL);
     refused(w, key, "holds a tile of layer 1, which it does not have");
     bytes = lw_support_read_file(w->path, &size);

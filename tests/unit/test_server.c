@@ -266,7 +266,7 @@ static void test_an_idle_loop_waits(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest in_split_form[] = {
+    const struct CMUnitTest in_split_channel[] = {
         cmocka_unit_test(test_join),
         cmocka_unit_test(test_waiting_for_the_first_light),
     };
@@ -282,5 +282,5 @@ int main(void) {
         cmocka_unit_test(test_an_idle_loop_waits),
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    return failed + cmocka_run_group_tests(in_split_form, serving_ask_for_split, NULL);
+    return failed + cmocka_run_group_tests(in_split_channel, serving_ask_for_split, NULL);
 }

@@ -108,8 +108,8 @@ static void publish_fine(struct serving *f, uint64_t frame, uint64_t interest, u
         snapshot->holds_fine[i] =
             lw_atlas_map_is_used(&f->map, id) && tiles >> lw_atlas_map_number(&f->map, id) & 1;
         if (snapshot->holds_fine[i]) continue;
-        lw_blob_unref(snapshot->tile[serving_form][id.v].blob);
-        snapshot->tile[serving_form][id.v] = (struct lw_snapshot_tile){0};
+        lw_blob_unref(snapshot->tile[serving_channel][id.v].blob);
+        snapshot->tile[serving_channel][id.v] = (struct lw_snapshot_tile){0};
     }
     serving_publish(f, snapshot);
 }
@@ -383,7 +383,7 @@ static void test_a_dropped_tile_leaves_nothing_to_the_next(void **state) {
     snapshot->interest = number;
     assert_non_null(snapshot->holds_fine = calloc(serving_fine_room, sizeof *snapshot->holds_fine));
     for (uint32_t i = 0; i < serving_fine_room; i++) {
-        struct lw_snapshot_tile *tile = &snapshot->tile[serving_form][f->map.plain_count + i];
+        struct lw_snapshot_tile *tile = &snapshot->tile[serving_channel][f->map.plain_count + i];
         if (lw_atlas_map_is_used(&f->map, (lw_tile_id){f->map.plain_count + i})) {
             snapshot->holds_fine[i] = true;
             tile->version = 4;

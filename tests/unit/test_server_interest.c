@@ -54,7 +54,7 @@ static void test_stand_ins_wait(void **state) {
     for (uint64_t frame = 1; frame <= old; frame++) {
         struct lw_snapshot *snapshot = serving_make_snapshot(f, frame, frame - 1);
         for (uint32_t t = 0; t < f->map.tile_count; t++)
-            snapshot->tile[serving_form][t].change =
+            snapshot->tile[serving_channel][t].change =
                 frame == far ? 2 * LW_PRIORITY_STAND_IN_OFF : LW_PRIORITY_STAND_IN_OFF / 10;
         serving_publish(f, snapshot);
         struct lw_message m;
@@ -198,7 +198,7 @@ static void test_interest(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest in_split_form[] = {
+    const struct CMUnitTest in_split_channel[] = {
         cmocka_unit_test(test_stand_ins_wait),
     };
     const struct CMUnitTest tests[] = {
@@ -207,5 +207,5 @@ int main(void) {
         cmocka_unit_test(test_flood_of_interest),
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    return failed + cmocka_run_group_tests(in_split_form, serving_ask_for_split, NULL);
+    return failed + cmocka_run_group_tests(in_split_channel, serving_ask_for_split, NULL);
 }

@@ -369,7 +369,7 @@ static void test_a_frame_that_is_not_yet(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest in_split_form[] = {
+    const struct CMUnitTest in_split_channel[] = {
         cmocka_unit_test(test_what_is_held_is_not_sent),
         cmocka_unit_test(test_who_knows_no_finishes_hears_of_none),
         cmocka_unit_test(test_finishes),
@@ -382,5 +382,5 @@ int main(void) {
         cmocka_unit_test(test_a_frame_that_is_not_yet),
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    return failed + cmocka_run_group_tests(in_split_form, serving_ask_for_split, NULL);
+    return failed + cmocka_run_group_tests(in_split_channel, serving_ask_for_split, NULL);
 }

@@ -51,7 +51,7 @@ static void test_a_relay_is_listed_while_it_is_there(void **state) {
     serving_end(f);
 }
 
-/* A relay has a session for each form of light: the last report of any of them counts. */
+/* A relay has a session for each irradiance: the last report of any of them counts. */
 static void test_a_relay_is_listed_once(void **state) {
     (void)state;
     static struct lw_relay_tree_node node[LW_RELAY_TREE_MAX];

@@ -39,9 +39,9 @@ static void test_newer_snapshot(void **state) {
         serving_make_snapshot(f, 2, 1); /* one tile changes, the rest stay as they are */
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         if (t == 5) continue;
-        lw_blob_unref(second->tile[serving_form][t].blob);
-        second->tile[serving_form][t] =
-            (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(first->tile[serving_form][t].blob)};
+        lw_blob_unref(second->tile[serving_channel][t].blob);
+        second->tile[serving_channel][t] = (struct lw_snapshot_tile){
+            .version = 1, .blob = lw_blob_ref(first->tile[serving_channel][t].blob)};
     }
     lw_snapshot_unref(first);
     serving_publish(f, second);
@@ -65,12 +65,12 @@ static void test_deltas(void **state) {
     for (uint32_t t = 0; t < f->map.tile_count; t++) {
         struct lw_message m;
         struct lw_framing_header header;
-        const struct lw_blob *blob = second->tile[serving_form][t].blob;
+        const struct lw_blob *blob = second->tile[serving_channel][t].blob;
         lw_support_ok(lw_framing_read_header(blob->bytes, LW_FRAMING_BODY_MAX, &header, NULL), NULL);
         lw_support_ok(lw_message_decode(header, blob->bytes + LW_FRAMING_HEADER_SIZE, &m, NULL), NULL);
         m.tile.base = 1;
-        second->tile[serving_form][t].delta = serving_blob_of(&m);
-        second->tile[serving_form][t].base = t == 5 ? 7 : 1;
+        second->tile[serving_channel][t].delta = serving_blob_of(&m);
+        second->tile[serving_channel][t].base = t == 5 ? 7 : 1;
         lw_message_finish(&m);
     }
     lw_server_publish(f->server, second);
@@ -120,10 +120,10 @@ static void test_deltas_to_catch_up(void **state) {
     for (uint64_t frame = 1; frame <= FRAMES; frame++) { /* tile 0 of object 0 has deltas */
         struct lw_snapshot *snapshot = serving_make_snapshot(f, frame, frame - 1);
         if (frame > 1) {
-            snapshot->tile[serving_form][0].base = frame - 1;
-            snapshot->tile[serving_form][0].delta =
+            snapshot->tile[serving_channel][0].base = frame - 1;
+            snapshot->tile[serving_channel][0].delta =
                 serving_blob_of(&(struct lw_message){.type = LW_MESSAGE_TILE,
-                                                     .tile = {.layer = serving_form,
+                                                     .tile = {.layer = serving_channel,
                                                               .version = frame,
                                                               .base = frame - 1,
                                                               .codec = 3,
@@ -175,19 +175,19 @@ static struct lw_snapshot *make_moving(const struct serving *f, struct lw_tile_c
                   NULL);
     struct lw_snapshot *snapshot = serving_make_snapshot(f, frame, previous);
     struct lw_message m = {.type = LW_MESSAGE_TILE,
-                           .tile = {.layer = serving_form,
+                           .tile = {.layer = serving_channel,
                                     .version = frame,
                                     .codec = LW_TILE_CODEC_DCT,
                                     .scale = coded.scale,
                                     .payload = payload,
                                     .payload_size = coded.size}};
-    lw_blob_unref(snapshot->tile[serving_form][0].blob);
-    snapshot->tile[serving_form][0].blob = serving_blob_of(&m);
+    lw_blob_unref(snapshot->tile[serving_channel][0].blob);
+    snapshot->tile[serving_channel][0].blob = serving_blob_of(&m);
     if (coded.delta_size) {
-        m.tile.base = snapshot->tile[serving_form][0].base = previous;
+        m.tile.base = snapshot->tile[serving_channel][0].base = previous;
         m.tile.payload = delta;
         m.tile.payload_size = coded.delta_size;
-        snapshot->tile[serving_form][0].delta = serving_blob_of(&m);
+        snapshot->tile[serving_channel][0].delta = serving_blob_of(&m);
     }
     free(delta);
     free(payload);
@@ -344,7 +344,7 @@ static void test_blobs_are_shared(void **state) {
     while (most < 1 + SLOW) {
         most = 0;
         for (uint32_t t = 0; t < snapshot->tile_count; t++) {
-            uint32_t references = snapshot->tile[serving_form][t].blob->references;
+            uint32_t references = snapshot->tile[serving_channel][t].blob->references;
             if (references > most) most = references;
         }
         lw_support_pause();
@@ -354,7 +354,7 @@ static void test_blobs_are_shared(void **state) {
     lw_server_stop(f->server);
     serving_join(f);
     for (uint32_t t = 0; t < snapshot->tile_count; t++)
-        assert_int_equal(snapshot->tile[serving_form][t].blob->references, 1);
+        assert_int_equal(snapshot->tile[serving_channel][t].blob->references, 1);
     assert_int_equal(snapshot->references, 1);
     lw_snapshot_unref(snapshot);
     serving_discard(f);
@@ -417,9 +417,9 @@ static void test_the_most_visible_change_goes_first(void **state) {
     /* whole tiles of level 0, one of each object, move the more the later they come; the others little */
     const uint32_t tile[SERVING_OBJECTS] = {0, 13, 26};
     struct lw_snapshot *snapshot = serving_make_snapshot(f, 4, 2);
-    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[serving_form][i].change = 0.001f;
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[serving_channel][i].change = 0.001f;
     for (uint32_t o = 0; o < SERVING_OBJECTS; o++)
-        snapshot->tile[serving_form][tile[o]].change = 0.1f * (float)(o + 1);
+        snapshot->tile[serving_channel][tile[o]].change = 0.1f * (float)(o + 1);
     serving_publish(f, snapshot);
     serving_expect_frame(s, 4, 2);
     serving_expect(s, LW_MESSAGE_TILE, &m);
@@ -428,8 +428,8 @@ static void test_the_most_visible_change_goes_first(void **state) {
     lw_message_finish(&m);
     /* now all but this tile lag behind; the first moves again and overtakes the second */
     snapshot = serving_make_snapshot(f, 6, 4);
-    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[serving_form][i].change = 0.001f;
-    snapshot->tile[serving_form][tile[0]].change = 0.2f;
+    for (uint32_t i = 0; i < f->map.tile_count; i++) snapshot->tile[serving_channel][i].change = 0.001f;
+    snapshot->tile[serving_channel][tile[0]].change = 0.2f;
     serving_publish(f, snapshot);
     for (bool framed = false; !framed;) {
         assert_true(serving_get(s, &m));
@@ -467,7 +467,7 @@ static void test_what_waits_is_reported(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest in_split_form[] = {
+    const struct CMUnitTest in_split_channel[] = {
         cmocka_unit_test(test_newer_snapshot),     cmocka_unit_test(test_deltas),
         cmocka_unit_test(test_deltas_to_catch_up), cmocka_unit_test(test_a_jump_to_catch_up),
         cmocka_unit_test(test_a_narrow_link),      cmocka_unit_test(test_settled),
@@ -486,5 +486,5 @@ int main(void) {
         cmocka_unit_test(test_what_waits_is_reported),
     };
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    return failed + cmocka_run_group_tests(in_split_form, serving_ask_for_split, NULL);
+    return failed + cmocka_run_group_tests(in_split_channel, serving_ask_for_split, NULL);
 }

@@ -104,7 +104,7 @@ static int start(void **state) {
     scene->mesh[0].atlas_width = scene->mesh[0].atlas_height = 16;
     lw_support_ok(lw_atlas_map_init(&map, scene), NULL);
     shared.atlas_map = &map;
-    shared.channels.served = lw_light_form_bit(LW_LIGHT_FORM_FULL);
+    shared.channels.served = lw_tile_channel_bit(LW_TILE_CHANNEL_FULL);
     lw_support_ok(lw_interest_union_init(&shared.interest_union, &map), NULL);
     lw_support_ok(lw_updates_init(&shared.updates), NULL);
     assert_int_equal(uv_mutex_init(&shared.stats_mutex), 0);

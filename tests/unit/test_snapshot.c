@@ -40,14 +40,14 @@ static void test_snapshot_owns_its_blobs(void **state) {
     (void)state;
     struct lw_snapshot *a, *b;
     struct lw_blob *blob;
-    lw_support_ok(lw_snapshot_create(3, 1u << LW_LIGHT_FORM_FULL, &a), NULL);
-    lw_support_ok(lw_snapshot_create(3, 1u << LW_LIGHT_FORM_FULL, &b), NULL);
+    lw_support_ok(lw_snapshot_create(3, 1u << LW_TILE_CHANNEL_FULL, &a), NULL);
+    lw_support_ok(lw_snapshot_create(3, 1u << LW_TILE_CHANNEL_FULL, &b), NULL);
     assert_int_equal(a->tile_count, 3);
-    assert_int_equal(a->tile[LW_LIGHT_FORM_FULL][2].version, 0);
-    assert_null(a->tile[LW_LIGHT_FORM_FULL][2].blob);
+    assert_int_equal(a->tile[LW_TILE_CHANNEL_FULL][2].version, 0);
+    assert_null(a->tile[LW_TILE_CHANNEL_FULL][2].blob);
     lw_support_ok(lw_blob_create(1, &blob), NULL);
-    a->tile[LW_LIGHT_FORM_FULL][1] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
-    b->tile[LW_LIGHT_FORM_FULL][1] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
+    a->tile[LW_TILE_CHANNEL_FULL][1] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
+    b->tile[LW_TILE_CHANNEL_FULL][1] = (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
     b->frame_full = lw_blob_ref(blob);
     b->frame_delta = lw_blob_ref(blob);
     assert_int_equal(blob->references, 5);
@@ -67,7 +67,7 @@ static void test_snapshot_owns_its_blobs(void **state) {
 static void *ref_and_unref(void *context) {
     for (int i = 0; i < ROUNDS; i++) {
         struct lw_snapshot *snapshot = lw_snapshot_ref(context);
-        lw_blob_unref(lw_blob_ref(snapshot->tile[LW_LIGHT_FORM_FULL][0].blob));
+        lw_blob_unref(lw_blob_ref(snapshot->tile[LW_TILE_CHANNEL_FULL][0].blob));
         lw_snapshot_unref(snapshot);
     }
     lw_snapshot_unref(context);
@@ -79,9 +79,9 @@ static void test_threads(void **state) {
     struct lw_snapshot *snapshot;
     struct lw_blob *blob;
     pthread_t thread[4];
-    lw_support_ok(lw_snapshot_create(1, 1u << LW_LIGHT_FORM_FULL, &snapshot), NULL);
+    lw_support_ok(lw_snapshot_create(1, 1u << LW_TILE_CHANNEL_FULL, &snapshot), NULL);
     lw_support_ok(lw_blob_create(1, &blob), NULL);
-    snapshot->tile[LW_LIGHT_FORM_FULL][0] =
+    snapshot->tile[LW_TILE_CHANNEL_FULL][0] =
         (struct lw_snapshot_tile){.version = 1, .blob = lw_blob_ref(blob)};
     for (int i = 0; i < 4; i++) pthread_create(&thread[i], NULL, ref_and_unref, lw_snapshot_ref(snapshot));
     lw_snapshot_unref(snapshot); /* the last thread frees it */

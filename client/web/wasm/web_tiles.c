@@ -45,7 +45,7 @@ static XXH3_state_t hash;
 
 void EXPORT(lw_web_tiles_init)(void) {
     lw_tile_dct_init(&dct);
-    channel = *lw_tile_channel_at(LW_LIGHT_FORM_FULL);
+    channel = *lw_tile_channel_at(LW_TILE_CHANNEL_FULL);
 }
 
 /** The table of tile_channels.h, number by number; -1 behind the last: planes, is it signed, is it coded

@@ -7,7 +7,7 @@
 /** Sessions are peers that were welcomed; refused counts the refusals sent. */
 struct lw_server_stats {
     uint64_t sessions_now, sessions_total, bytes_sent, tiles_sent, refused;
-    uint64_t sessions_drawing; /* sessions now that get LW_LIGHT_FORM_SPLIT */
+    uint64_t sessions_drawing; /* sessions now that get LW_TILE_CHANNEL_SPLIT */
     uint64_t loop_cpu_ns;      /* CPU time of the loop's thread; 0 before lw_server_run() */
     /* In the last whole window of LW_SERVER_WINDOW_S with connections; 0 before the first. */
     uint64_t loop_lag_p99_ns, loop_lag_max_ns; /* how late the loop came to due work */

@@ -119,7 +119,7 @@ struct lw_session *lw_session_open(struct lw_session_shared *shared, struct lw_s
         return NULL;
     }
     s->input.body_max = LW_FRAMING_CLIENT_BODY_MAX;
-    s->take[s->take_count++].channel = &shared->channels.at[LW_LIGHT_FORM_FULL];
+    s->take[s->take_count++].channel = &shared->channels.at[LW_TILE_CHANNEL_FULL];
     s->interest.everything = true;
     s->number = ++shared->number;
     s->since_ns = s->looked_ns = s->heard_ns = s->progress_ns = lw_clock_ns();
@@ -175,7 +175,7 @@ static void unlink_session(struct lw_session *s) {
 void lw_session_count_one(const struct lw_session *s, int64_t change) {
     struct lw_server_stats *stats = &s->shared->stats;
     lw_session_count(s->shared, &stats->sessions_now, change);
-    if (s->take[0].channel->number == LW_LIGHT_FORM_SPLIT)
+    if (s->take[0].channel->number == LW_TILE_CHANNEL_SPLIT)
         lw_session_count(s->shared, &stats->sessions_drawing, change);
 }
 

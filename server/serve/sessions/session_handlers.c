@@ -19,7 +19,8 @@ static void choose_channels(struct lw_session *s, const struct lw_message_hello 
     s->take_count = 0;
     for (uint32_t c = 0; c < LW_TILE_CHANNELS_MAX; c++)
         if (channels >> c & 1) s->take[s->take_count++].channel = &s->shared->channels.at[c];
-    LW_INVARIANT(s->take_count > 0 && s->take[0].channel->number < LW_LIGHT_FORM_COUNT); /* irradiance */
+    LW_INVARIANT(s->take_count > 0 &&
+                 s->take[0].channel->number < LW_TILE_CHANNEL_IRRADIANCES); /* irradiance */
     welcome->features |= asked;
     if (asked & LW_FEATURE_DRAWS) return;
     welcome->client_lights = welcome->client_materials = NULL;

@@ -257,7 +257,7 @@ struct planes {
 
 /* The rectangle of a tile's texels that is filtered. */
 struct job {
-    enum lw_light_form form;
+    uint32_t irradiance;
     const struct lw_denoise *denoise;
     const struct lw_solve_tile *tile;
     const struct lw_mesh_texels *mesh;
@@ -343,10 +343,10 @@ LW_WIDE_INLINE bool load_pair(const uint8_t *from, lanes *out) {
 
 /* Colours, and the variance of each texel's mean over the frames: of a row's texels in one block. And the
  * luminance of indirect light alone. */
-LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, enum lw_light_form form, size_t from, uint32_t n,
+LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, uint32_t irradiance, size_t from, uint32_t n,
                              float per_frame, float unknown, const struct planes *out, float *out_indirect,
                              size_t to) {
-    const bool split = form == LW_LIGHT_FORM_SPLIT;
+    const bool split = irradiance == LW_TILE_CHANNEL_SPLIT;
     const float *const restrict spread = (split ? tiles->split_spread : tiles->spread) + from;
     const uint8_t *const restrict covered = tiles->covered + from;
     float *const restrict y = out->p[Y] + to, *const restrict variance = out->p[VARIANCE] + to,
@@ -381,19 +381,19 @@ LW_WIDE_INLINE void load_run(const struct lw_tiles *tiles, enum lw_light_form fo
     }
 }
 
-LW_WIDE static void load_block_row(const struct lw_tiles *tiles, enum lw_light_form form, size_t from,
-                                   uint32_t n, float per_frame, float unknown, const struct planes *out,
+LW_WIDE static void load_block_row(const struct lw_tiles *tiles, uint32_t irradiance, size_t from, uint32_t n,
+                                   float per_frame, float unknown, const struct planes *out,
                                    float *out_indirect, size_t to) {
     if (n == LW_TILE_BLOCK)
-        load_run(tiles, form, from, LW_TILE_BLOCK, per_frame, unknown, out, out_indirect,
+        load_run(tiles, irradiance, from, LW_TILE_BLOCK, per_frame, unknown, out, out_indirect,
                  to); /* one vector, as most are */
     else
-        load_run(tiles, form, from, n, per_frame, unknown, out, out_indirect, to);
+        load_run(tiles, irradiance, from, n, per_frame, unknown, out, out_indirect, to);
 }
 
 /* By how much the variance of a texel after `frames` frames is taken to be more than it is estimated. */
-static float widening_of(enum lw_light_form form, float frames) {
-    const float wider = form == LW_LIGHT_FORM_SPLIT ? 1 + SPLIT_WIDER / frames : 1;
+static float widening_of(uint32_t irradiance, float frames) {
+    const float wider = irradiance == LW_TILE_CHANNEL_SPLIT ? 1 + SPLIT_WIDER / frames : 1;
     return wider * wider;
 }
 
@@ -419,9 +419,9 @@ static bool load_rows(const struct job *job, const struct planes *out, float *ou
             }
             const float remembered = block->indirect.sample_count;
             const bool few = remembered < HISTORY_MIN;
-            load_block_row(tiles, job->form, texel, next - x,
-                           few ? 0 : widening_of(job->form, remembered) / (remembered - 1), few ? UNKNOWN : 0,
-                           out, out_indirect, to);
+            load_block_row(tiles, job->irradiance, texel, next - x,
+                           few ? 0 : widening_of(job->irradiance, remembered) / (remembered - 1),
+                           few ? UNKNOWN : 0, out, out_indirect, to);
             guess |= few;
         }
     }
@@ -567,17 +567,17 @@ static void store_plane(const struct job *job, const float *from, float *to) {
     }
 }
 
-/* A plane of a channel that follows a form of light. */
+/* A plane of a channel that follows an irradiance. */
 struct follower {
     uint32_t channel, plane;
 };
 #define FOLLOWERS_MAX (LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
 
-static uint32_t list_followers(uint32_t form, uint32_t channels, struct follower out[FOLLOWERS_MAX]) {
+static uint32_t list_followers(uint32_t irradiance, uint32_t channels, struct follower out[FOLLOWERS_MAX]) {
     uint32_t n = 0;
-    LW_TILE_CHANNELS_EACH (channel, channels & ~lw_tile_channel_bit(form))
+    LW_TILE_CHANNELS_EACH (channel, channels & ~lw_tile_channel_bit(irradiance))
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
-            if (lw_tile_channel_at(channel)->follows == form) out[n++] = (struct follower){channel, p};
+            if (lw_tile_channel_at(channel)->follows == irradiance) out[n++] = (struct follower){channel, p};
     return n;
 }
 
@@ -608,7 +608,7 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
     struct planes in, out;
     for (uint32_t p = 0; p < LW_DENOISE_PLANES; p++) in.p[p] = planes->at[0][p], out.p[p] = planes->at[1][p];
     struct follower follower[FOLLOWERS_MAX];
-    const uint32_t followers = list_followers(job->form, channels, follower);
+    const uint32_t followers = list_followers(job->irradiance, channels, follower);
     uint32_t from = 0; /* index into planes->more */
     struct tap tap[DIRECTIONS];
     list_taps(job, 0, tap);
@@ -617,7 +617,7 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
     forget_weights_above(job, planes);
     if (load_rows(job, &in, indirect)) {
         EACH_ROW (job, around, y)
-            guess_row(row_at(job, y, around), &in, indirect, widening_of(job->form, 1), tap);
+            guess_row(row_at(job, y, around), &in, indirect, widening_of(job->irradiance, 1), tap);
     }
     for (uint32_t i = 0; i < followers; i++) load_plane(job, &follower[i], planes->more[0][i]);
     around--;
@@ -640,29 +640,29 @@ static void filter(const struct job *job, uint32_t channels, struct lw_denoise_p
         out = swap;
         from = !from;
     }
-    if (channels & lw_tile_channel_bit(job->form))
-        for (int c = 0; c < 3; c++) store_plane(job, in.p[c], tiles->shown[job->form][c]);
+    if (channels & lw_tile_channel_bit(job->irradiance))
+        for (int c = 0; c < 3; c++) store_plane(job, in.p[c], tiles->shown[job->irradiance][c]);
     for (uint32_t i = 0; i < followers; i++)
         store_plane(job, planes->more[from][i], tiles->shown[follower[i].channel][follower[i].plane]);
 }
 
-/* The forms of light that a set of channels is or follows. */
-static uint32_t forms_of(uint32_t channels) {
-    uint32_t forms = 0;
+/* The channels of irradiance that a set of channels is or follows. */
+static uint32_t irradiances_of(uint32_t channels) {
+    uint32_t irradiances = 0;
     LW_TILE_CHANNELS_EACH (channel, channels)
-        forms |= lw_tile_channel_bit(lw_tile_channel_at(channel)->follows);
-    return forms;
+        irradiances |= lw_tile_channel_bit(lw_tile_channel_at(channel)->follows);
+    return irradiances;
 }
 
 /* ---- which blocks
  * --------------------------------------------------------------------------------------------- */
 
-/* Planes at most that follow one form. */
+/* Planes at most that follow one irradiance. */
 static uint32_t count_followers(const struct lw_tiles *tiles) {
     struct follower follower[FOLLOWERS_MAX];
     uint32_t most = 0;
-    LW_TILE_CHANNELS_EACH (form, forms_of(tiles->channels)) {
-        const uint32_t count = list_followers(form, tiles->channels, follower);
+    LW_TILE_CHANNELS_EACH (irradiance, irradiances_of(tiles->channels)) {
+        const uint32_t count = list_followers(irradiance, tiles->channels, follower);
         if (count > most) most = count;
     }
     return most;
@@ -769,7 +769,7 @@ static bool find_job(const struct lw_denoise *d, const struct lw_solve_tile *til
 }
 
 void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, uint32_t channels, int threads) {
-    const uint32_t forms = forms_of(channels);
+    const uint32_t irradiances = irradiances_of(channels);
     LW_INVARIANT(threads <= denoise->threads && (channels & ~denoise->tiles->channels) == 0 && channels != 0);
     mark_all(denoise, frame);
 #pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
@@ -777,8 +777,8 @@ void lw_denoise_run(struct lw_denoise *denoise, uint64_t frame, uint32_t channel
         struct lw_solve_tile *tile = &denoise->tiles->tile[i];
         struct job job;
         if (!find_job(denoise, tile, &job)) continue;
-        for (job.form = 0; job.form < LW_LIGHT_FORM_COUNT; job.form++)
-            if (forms & lw_tile_channel_bit(job.form))
+        for (job.irradiance = 0; job.irradiance < LW_TILE_CHANNEL_IRRADIANCES; job.irradiance++)
+            if (irradiances & lw_tile_channel_bit(job.irradiance))
                 filter(&job, lw_tiles_channels_of(denoise->tiles, tile, channels),
                        &denoise->planes[omp_get_thread_num()]);
         tile->light.solved_frame = frame;

@@ -13,8 +13,8 @@
  * What one texel gives the other takes, so the sum over an object stays, for any weights. Weights fall with
  * the angle between normals, with the distance from each other's plane, with the distance along it (charts
  * that lie beside each other in the atlas alone are far apart), and with the difference of luminance against
- * its own standard deviation. So the filter fades out as noise falls. A channel that is no form of light
- * exchanges in the pairs of the form that it follows (tile_channels.h).
+ * its own standard deviation. So the filter fades out as noise falls. A channel that is no irradiance
+ * exchanges in the pairs of the irradiance that it follows (tile_channels.h).
  *
  * No pair exchanges across a wall (texels.h).
  *
@@ -30,7 +30,7 @@
 #define LW_DENOISE_PASSES 3u /* steps of 1, 2 and 4 texels: 15 x 15 texels in all */
 /* texels: those seven, and two more whose light the variance is taken from */
 #define LW_DENOISE_REACH  9u
-#define LW_DENOISE_PLANES 5u /* planes of a form of light: r, g, b, luminance, its variance */
+#define LW_DENOISE_PLANES 5u /* planes of an irradiance: r, g, b, luminance, its variance */
 
 /** How far texels may exchange light, for their surfaces' sake and for the walls that stand between them. */
 struct lw_denoise_pairs {
@@ -65,7 +65,7 @@ struct lw_denoise {
     struct lw_tiles *tiles;               /* outlives it; over the texels of the pairs */
     uint8_t *marked;                      /* per block: this frame filters it */
     struct lw_denoise_planes *planes;     /* per worker */
-    uint32_t followers;                   /* planes at most that follow one form */
+    uint32_t followers;                   /* planes at most that follow one irradiance */
     int threads;
 };
 

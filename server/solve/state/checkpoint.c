@@ -48,14 +48,14 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
     for (int c = 0; c < 3; c++) {
         out_plane[n++] = tiles->direct[c];
         out_plane[n++] = tiles->indirect[c];
-        out_plane[n++] = tiles->shown[LW_LIGHT_FORM_FULL][c];
+        out_plane[n++] = tiles->shown[LW_TILE_CHANNEL_FULL][c];
         for (uint32_t k = 0; k < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
     }
     out_plane[n++] = tiles->mean;
     out_plane[n++] = tiles->spread;
     for (int c = 0; c < 3 && tiles->drawn[c]; c++) {
         out_plane[n++] = tiles->drawn[c];
-        out_plane[n++] = tiles->shown[LW_LIGHT_FORM_SPLIT][c];
+        out_plane[n++] = tiles->shown[LW_TILE_CHANNEL_SPLIT][c];
     }
     if (tiles->split_mean) out_plane[n++] = tiles->split_mean, out_plane[n++] = tiles->split_spread;
     for (int k = 0; k < 3; k++) {
@@ -63,7 +63,7 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
             out_plane[n++] = tiles->moment[part][k];
         if (tiles->drawn_moment[k]) out_plane[n++] = tiles->drawn_moment[k];
     }
-    for (uint32_t channel = LW_LIGHT_FORM_COUNT; channel < lw_tile_channels()->count; channel++)
+    for (uint32_t channel = LW_TILE_CHANNEL_IRRADIANCES; channel < lw_tile_channels()->count; channel++)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
             if (tiles->shown[channel][p]) out_plane[n++] = tiles->shown[channel][p];
             if (tiles->sum[channel][p]) out_plane[n++] = tiles->sum[channel][p];

@@ -24,14 +24,14 @@ static void *plane_of(const struct plane *plane) {
 #define PLANES_MAX                                                                                           \
     (3 * (LW_TILES_BOUNCES_MAX + LW_TILES_ESTIMATES + 2) + CHANNEL_PLANES_MAX + LW_TILES_BOUNCES_MAX + 2)
 
-/* Lists the planes of a set of channels: the shown ones, and the sums that no form of light has. Returns n
+/* Lists the planes of a set of channels: the shown ones, and the sums that no irradiance has. Returns n
  * and their number. */
 static uint32_t list_channels(struct lw_tiles *tiles, uint32_t channels, uint32_t n,
                               struct plane out[PLANES_MAX]) {
     LW_TILE_CHANNELS_EACH (channel, channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++) {
             out[n++] = (struct plane){.at = &tiles->shown[channel][p]};
-            if (channel >= LW_LIGHT_FORM_COUNT && !lw_tile_channel_at(channel)->moment)
+            if (channel >= LW_TILE_CHANNEL_IRRADIANCES && !lw_tile_channel_at(channel)->moment)
                 out[n++] = (struct plane){.at = &tiles->sum[channel][p]};
         }
     return n;
@@ -153,11 +153,11 @@ uint64_t lw_tiles_last_solved(const struct lw_tiles *tiles) {
 
 bool lw_tiles_judge_channels(struct lw_tiles *tiles, uint32_t channels, int threads) {
     const float *before = tiles->judged_spread;
-    const uint32_t forms =
-        channels & (lw_tile_channel_bit(LW_LIGHT_FORM_FULL) | lw_tile_channel_bit(LW_LIGHT_FORM_SPLIT));
+    const uint32_t irradiances =
+        channels & (lw_tile_channel_bit(LW_TILE_CHANNEL_FULL) | lw_tile_channel_bit(LW_TILE_CHANNEL_SPLIT));
     LW_INVARIANT(channels != 0 && (channels & ~tiles->channels) == 0);
     tiles->judged_spread =
-        forms == lw_tile_channel_bit(LW_LIGHT_FORM_SPLIT) ? tiles->split_spread : tiles->spread;
+        irradiances == lw_tile_channel_bit(LW_TILE_CHANNEL_SPLIT) ? tiles->split_spread : tiles->spread;
     if (tiles->judged_spread == before) return false;
     lw_tiles_sum_variance(tiles, threads);
     return true;

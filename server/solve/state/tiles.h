@@ -143,7 +143,7 @@ struct lw_tiles {
      * part. NULL: not held. drawn_moment is that of client lights. */
     float *moment[LW_TILES_PARTS][3], *drawn_moment[3];
     bool *has_moments; /* per object */
-    /* Means of the channels that are neither a form of light nor its moment. FULL is direct + indirect; SPLIT
+    /* Means of the channels that are neither an irradiance nor its moment. FULL is direct + indirect; SPLIT
      * is FULL less drawn. */
     float *sum[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     /* Shown planes by channel: the sums of the last frame that showed the block, filtered and welded. NULL:
@@ -203,7 +203,7 @@ static inline uint32_t lw_tiles_can_show(const struct lw_tiles *tiles, uint32_t 
     channels &= tiles->channels;
     LW_TILE_CHANNELS_EACH (channel, channels)
         channels |= lw_tile_channel_bit(lw_tile_channel_at(channel)->follows);
-    return channels ? channels : LW_LIGHT_FORMS_FULL;
+    return channels ? channels : LW_TILE_CHANNELS_FULL;
 }
 
 /** Chooses judged_spread by the shown channels. Returns whether it changed: the variance of all blocks is
@@ -227,11 +227,11 @@ static inline float lw_tiles_served(const struct lw_tiles *tiles, uint32_t c, ui
     return served > 0 ? served : 0;
 }
 
-static inline float lw_tiles_moment(const struct lw_tiles *tiles, enum lw_light_form form, uint32_t axis,
+static inline float lw_tiles_moment(const struct lw_tiles *tiles, uint32_t irradiance, uint32_t axis,
                                     uint32_t texel) {
     const float kept =
         tiles->moment[LW_TILES_DIRECT][axis][texel] + tiles->moment[LW_TILES_INDIRECT][axis][texel];
-    const float *drawn = form == LW_LIGHT_FORM_FULL ? tiles->drawn_moment[axis] : NULL;
+    const float *drawn = irradiance == LW_TILE_CHANNEL_FULL ? tiles->drawn_moment[axis] : NULL;
     return drawn ? kept + drawn[texel] : kept;
 }
 
@@ -239,10 +239,10 @@ static inline float lw_tiles_moment(const struct lw_tiles *tiles, enum lw_light_
 static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel, uint32_t plane,
                                  uint32_t texel) {
     if (lw_tile_channel_at(channel)->moment)
-        return lw_tiles_moment(tiles, (enum lw_light_form)lw_tile_channel_at(channel)->follows, plane, texel);
-    if (channel >= LW_LIGHT_FORM_COUNT) return tiles->sum[channel][plane][texel];
+        return lw_tiles_moment(tiles, (uint32_t)lw_tile_channel_at(channel)->follows, plane, texel);
+    if (channel >= LW_TILE_CHANNEL_IRRADIANCES) return tiles->sum[channel][plane][texel];
     const float direct =
-        channel == LW_LIGHT_FORM_SPLIT ? lw_tiles_served(tiles, plane, texel) : tiles->direct[plane][texel];
+        channel == LW_TILE_CHANNEL_SPLIT ? lw_tiles_served(tiles, plane, texel) : tiles->direct[plane][texel];
     return direct + tiles->indirect[plane][texel];
 }
 

@@ -41,7 +41,7 @@ static void join(int i) {
         lw_client_create(
             &(struct lw_client_desc){.host = "127.0.0.1",
                                      .port = server.port,
-                                     .name = "test_two_forms",
+                                     .name = "test_two_channels",
                                      .draws_direct = i == SPLIT,
                                      .channel_features = asks_directions ? LW_TILE_CHANNELS_DIRECTION : 0,
                                      .control = true,
@@ -76,7 +76,7 @@ static void wait_for_rest(int i) {
     }
 }
 
-/* Every form, and nothing more is solved: a form may have its last frame before another has. */
+/* Every channel, and nothing more is solved: a channel may have its last frame before another has. */
 static void wait_for_the_last_frame(void) {
     const uint64_t end_ns = lw_clock_ns() + LIMIT_S * 1000000000ull;
     while (lw_process_newest(&server, "tiles_solved") > 0) {
@@ -93,7 +93,7 @@ static uint64_t tiles_of(int i) {
     return stats.tiles;
 }
 
-/* Light is counted once: what the second form lacks is what the lamp, the only light, gives directly. */
+/* Light is counted once: what the second channel lacks is what the lamp, the only light, gives directly. */
 static void full_is_split_and_what_is_drawn(void **state) {
     (void)state;
     double light[2][CLIENTS];
@@ -125,7 +125,7 @@ static void full_is_split_and_what_is_drawn(void **state) {
     assert_true(fabs(light[1][FULL] - light[1][SPLIT] - light[0][FULL]) < 0.03 * light[1][FULL]);
 }
 
-/* A form that nobody took is there with the next frame, though nothing is solved any more. */
+/* A channel that nobody took is there with the next frame, though nothing is solved any more. */
 static void a_form_that_is_taken_late_comes_at_once(void **state) {
     (void)state;
     lw_process_serve(&server, CORNELL);
@@ -172,7 +172,7 @@ static uint32_t count_directions(int i) {
     return known;
 }
 
-/* A client that asks for directions gets them in either form of light. Another gets none. */
+/* A client that asks for directions gets them in either irradiance. Another gets none. */
 static void directions_for_who_asks(void **state) {
     (void)state;
     lw_process_serve(&server, CORNELL "--directional on");
@@ -233,8 +233,8 @@ static void who_draws_joins_a_scene_that_moves(void **state) {
     assert_true(newest > 2 * frame); /* versions are two a frame */
 }
 
-/* A lamp that a client draws is switched: both forms follow. */
-static void both_forms_follow_changes(void **state) {
+/* A lamp that a client draws is switched: both channels follow. */
+static void both_channels_follow_changes(void **state) {
     (void)state;
     lw_process_serve(&server, CORNELL);
     for (int i = 0; i < CLIENTS; i++) join(i);
@@ -259,7 +259,7 @@ static void both_forms_follow_changes(void **state) {
 }
 
 /* A session with a slow link gets all of it in the end. */
-static void a_narrow_link_carries_the_second_form(void **state) {
+static void a_narrow_link_carries_the_second_channel(void **state) {
     (void)state;
     lw_process_serve(&server, CORNELL "--link-rate 0.3");
     join(SPLIT);
@@ -267,11 +267,11 @@ static void a_narrow_link_carries_the_second_form(void **state) {
     assert_true(client_light_total(client[SPLIT]) > 0);
 }
 
-static void kept_light_is_there_in_both_forms(void **state) {
+static void kept_light_is_there_in_both_channels(void **state) {
     (void)state;
     char arguments[500];
     double light[CLIENTS];
-    snprintf(arguments, sizeof arguments, CORNELL "--keep %s", lw_support_temporary("two_forms"));
+    snprintf(arguments, sizeof arguments, CORNELL "--keep %s", lw_support_temporary("two_channels"));
     lw_process_serve(&server, arguments);
     for (int i = 0; i < CLIENTS; i++) join(i);
     for (int i = 0; i < CLIENTS; i++) wait_for_rest(i);
@@ -291,9 +291,9 @@ static void kept_light_is_there_in_both_forms(void **state) {
     assert_true(lw_process_newest(&server, "rays_total") == 0);
     lw_process_end(&server);
     for (int i = 0; i < CLIENTS; i++) leave(i);
-    /* the split form is of other lights then */
+    /* the split irradiance is of other lights then */
     snprintf(arguments, sizeof arguments, CORNELL "--client-lights none --keep %s",
-             lw_support_temporary("two_forms"));
+             lw_support_temporary("two_channels"));
     lw_process_serve(&server, arguments);
     join(SPLIT);
     wait_for_rest(SPLIT);
@@ -311,15 +311,15 @@ static void what_does_not_shine_is_named(void **state) {
 }
 
 int main(void) {
-    lw_log_init("test_two_forms", LW_LOG_WARNING);
+    lw_log_init("test_two_channels", LW_LOG_WARNING);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(full_is_split_and_what_is_drawn, end_all),
         cmocka_unit_test_teardown(directions_for_who_asks, end_all),
         cmocka_unit_test_teardown(a_form_that_is_taken_late_comes_at_once, end_all),
         cmocka_unit_test_teardown(who_draws_joins_a_scene_that_moves, end_all),
-        cmocka_unit_test_teardown(both_forms_follow_changes, end_all),
-        cmocka_unit_test_teardown(a_narrow_link_carries_the_second_form, end_all),
-        cmocka_unit_test_teardown(kept_light_is_there_in_both_forms, end_all),
+        cmocka_unit_test_teardown(both_channels_follow_changes, end_all),
+        cmocka_unit_test_teardown(a_narrow_link_carries_the_second_channel, end_all),
+        cmocka_unit_test_teardown(kept_light_is_there_in_both_channels, end_all),
         cmocka_unit_test_teardown(what_does_not_shine_is_named, end_all),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
