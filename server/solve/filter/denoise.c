@@ -121,7 +121,7 @@ static uint8_t *weigh_mesh(const struct lw_mesh_texels *mesh, int threads) {
     return pair;
 }
 
-/* ---- walls, once for each object that some stand on ---- */
+/* ---- walls, of each object ---- */
 
 static bool has_walls(const struct lw_texels *texels, uint32_t object) {
     const uint32_t count = texels->mesh[texels->scene->object[object].mesh].texel_count;
@@ -168,21 +168,21 @@ static void part_pairs(const struct lw_mesh_texels *mesh, const uint8_t *walls, 
                      own + k * area + (y + MARGIN) * stride_of(mesh) + MARGIN);
 }
 
-/* An object has pairs of its own while walls stand on it. */
-static bool take_walls(struct lw_denoise_pairs *pairs, uint32_t object, int threads) {
+/* Takes the pairs of an object's mesh, but for those that walls part. */
+static bool take_pairs(struct lw_denoise_pairs *pairs, uint32_t object, int threads) {
     const uint32_t m = pairs->scene->object[object].mesh;
-    uint8_t *const of_mesh = pairs->of_mesh[m], **pair = &pairs->pair[object];
+    const struct lw_mesh_texels *mesh = &pairs->texels->mesh[m];
+    const bool walls = has_walls(pairs->texels, object);
+    uint8_t *const shared = pairs->shared[m], **pair = &pairs->pair[object], *taken = shared;
+    if (!shared)
+        taken = weigh_mesh(mesh, threads);
+    else if (walls && (taken = malloc(mesh_bytes(mesh))))
+        memcpy(taken, shared, mesh_bytes(mesh));
+    if (!taken) return false;
+    if (walls) part_pairs(mesh, pairs->texels->walls + pairs->texels->first[object], threads, taken);
+    if (*pair != shared) free(*pair);
+    *pair = taken;
     pairs->changes[object] = pairs->texels->changes[object];
-    if (!has_walls(pairs->texels, object)) {
-        if (*pair != of_mesh) free(*pair);
-        *pair = of_mesh;
-        return true;
-    }
-    uint8_t *own = *pair && *pair != of_mesh ? *pair : malloc(mesh_bytes(&pairs->texels->mesh[m]));
-    if (!own) return false;
-    *pair = own;
-    memcpy(own, of_mesh, mesh_bytes(&pairs->texels->mesh[m]));
-    part_pairs(&pairs->texels->mesh[m], pairs->texels->walls + pairs->texels->first[object], threads, own);
     return true;
 }
 
@@ -192,19 +192,29 @@ uint8_t *lw_denoise_pairs_of_fine(const struct lw_mesh_texels *mesh, const uint8
     return pair;
 }
 
+/* Weighs the meshes that several objects have. Returns false without memory. */
+static bool weigh_shared(struct lw_denoise_pairs *pairs, int threads) {
+    const struct lw_scene *scene = pairs->scene;
+    bool *used = calloc((size_t)scene->mesh_count + 1, sizeof *used), ok = used != NULL;
+    for (uint32_t o = 0; ok && o < scene->object_count; o++) {
+        const uint32_t m = scene->object[o].mesh;
+        if (used[m] && !pairs->shared[m] && pairs->texels->mesh[m].texel_count)
+            ok = (pairs->shared[m] = weigh_mesh(&pairs->texels->mesh[m], threads)) != NULL;
+        used[m] = true;
+    }
+    free(used);
+    return ok;
+}
+
 enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struct lw_scene *scene,
                                      const struct lw_texels *texels, int threads) {
     *pairs = (struct lw_denoise_pairs){.scene = scene, .texels = texels};
-    pairs->of_mesh = calloc((size_t)scene->mesh_count + 1, sizeof *pairs->of_mesh);
+    pairs->shared = calloc((size_t)scene->mesh_count + 1, sizeof *pairs->shared);
     pairs->pair = calloc((size_t)scene->object_count + 1, sizeof *pairs->pair);
     pairs->changes = calloc((size_t)scene->object_count + 1, sizeof *pairs->changes);
-    bool ok = pairs->of_mesh && pairs->pair && pairs->changes;
-    for (uint32_t o = 0; ok && o < scene->object_count; o++) {
-        const uint32_t m = scene->object[o].mesh;
-        if (!texels->mesh[m].texel_count) continue;
-        if (!pairs->of_mesh[m]) pairs->of_mesh[m] = weigh_mesh(&texels->mesh[m], threads);
-        ok = pairs->of_mesh[m] && take_walls(pairs, o, threads);
-    }
+    bool ok = pairs->shared && pairs->pair && pairs->changes && weigh_shared(pairs, threads);
+    for (uint32_t o = 0; ok && o < scene->object_count; o++)
+        if (texels->mesh[scene->object[o].mesh].texel_count) ok = take_pairs(pairs, o, threads);
     if (ok) return LW_OK;
     lw_denoise_pairs_finish(pairs);
     return LW_NO_MEMORY;
@@ -213,7 +223,7 @@ enum lw_status lw_denoise_pairs_init(struct lw_denoise_pairs *pairs, const struc
 enum lw_status lw_denoise_pairs_review(struct lw_denoise_pairs *pairs, int threads) {
     for (uint32_t o = 0; o < pairs->scene->object_count; o++) {
         if (!pairs->pair[o] || pairs->changes[o] == pairs->texels->changes[o]) continue;
-        if (!take_walls(pairs, o, threads)) return LW_NO_MEMORY;
+        if (!take_pairs(pairs, o, threads)) return LW_NO_MEMORY;
     }
     return LW_OK;
 }
@@ -221,21 +231,21 @@ enum lw_status lw_denoise_pairs_review(struct lw_denoise_pairs *pairs, int threa
 size_t lw_denoise_pairs_memory_bytes(const struct lw_denoise_pairs *pairs) {
     if (!pairs->pair) return 0;
     const struct lw_scene *scene = pairs->scene;
-    size_t bytes = scene->mesh_count * sizeof *pairs->of_mesh +
+    size_t bytes = scene->mesh_count * sizeof *pairs->shared +
                    scene->object_count * (sizeof *pairs->pair + sizeof *pairs->changes);
     for (uint32_t m = 0; m < scene->mesh_count; m++)
-        if (pairs->of_mesh[m]) bytes += mesh_bytes(&pairs->texels->mesh[m]);
+        if (pairs->shared[m]) bytes += mesh_bytes(&pairs->texels->mesh[m]);
     for (uint32_t o = 0; o < scene->object_count; o++)
-        if (pairs->pair[o] && pairs->pair[o] != pairs->of_mesh[scene->object[o].mesh])
+        if (pairs->pair[o] && pairs->pair[o] != pairs->shared[scene->object[o].mesh])
             bytes += mesh_bytes(&pairs->texels->mesh[scene->object[o].mesh]);
     return bytes;
 }
 
 void lw_denoise_pairs_finish(struct lw_denoise_pairs *pairs) {
-    for (uint32_t o = 0; pairs->pair && pairs->of_mesh && o < pairs->scene->object_count; o++)
-        if (pairs->pair[o] != pairs->of_mesh[pairs->scene->object[o].mesh]) free(pairs->pair[o]);
-    for (uint32_t m = 0; pairs->of_mesh && m < pairs->scene->mesh_count; m++) free(pairs->of_mesh[m]);
-    free(pairs->of_mesh);
+    for (uint32_t o = 0; pairs->pair && pairs->shared && o < pairs->scene->object_count; o++)
+        if (pairs->pair[o] != pairs->shared[pairs->scene->object[o].mesh]) free(pairs->pair[o]);
+    for (uint32_t m = 0; pairs->shared && m < pairs->scene->mesh_count; m++) free(pairs->shared[m]);
+    free(pairs->shared);
     free(pairs->pair);
     free(pairs->changes);
     *pairs = (struct lw_denoise_pairs){0};

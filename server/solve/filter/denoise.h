@@ -18,10 +18,11 @@
  *
  * No pair exchanges across a wall (texels.h).
  *
- * The part that is geometry is found once per mesh, that of walls once per object. Both serve any number of
- * solves over the same texels. A tile of a finer level is filtered by itself. A block's shown light is a
- * function of its sums and of the sums LW_DENOISE_REACH around it. So a frame filters the blocks that it
- * shows and those beside them. The picture does not depend on the frames in which the sums came about. */
+ * The part that is geometry is found once per mesh, that of walls once per object. The pairs of a mesh that
+ * one object has are kept once, and weighed again when its walls change. Pairs serve any number of solves over
+ * the same texels. A tile of a finer level is filtered by itself. A block's shown light is a function of its
+ * sums and of the sums LW_DENOISE_REACH around it. So a frame filters the blocks that it shows and those
+ * beside them. The picture does not depend on the frames in which the sums came about. */
 #ifndef LW_FILTER_DENOISE_H
 #define LW_FILTER_DENOISE_H
 
@@ -36,9 +37,10 @@
 struct lw_denoise_pairs {
     const struct lw_scene *scene;   /* outlives it */
     const struct lw_texels *texels; /* outlives it */
-    uint8_t *
-        *of_mesh; /* per mesh: weights of the pairs of all passes and directions, or NULL: it has no texels */
-    uint8_t **pair;    /* per object: those of its mesh, or a copy without the pairs that walls part */
+    /* Weights of the pairs of all passes and directions. shared: per mesh that several objects have, all
+     * pairs; else NULL. pair: per object, without those that walls part; NULL: no texels. Objects without
+     * walls have the shared ones, if there are any. */
+    uint8_t **shared, **pair;
     uint32_t *changes; /* per object: those of the texels that pair knows */
 };
 
