@@ -47,7 +47,8 @@ static void put_normals(struct lw_solver_tile *tile, const struct lw_tile_place 
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
         struct lw_vec3 n = {0};
         if (tile->covered[i] && content->normals->covered[start + i])
-            n = lw_affine_normal(content->to_world, lw_texels_vector(content->normals->normal, start + i));
+            n = lw_affine_normal(content->to_world,
+                                 lw_packed_normal_unpack(content->normals->normal[start + i]));
         plane[0][i] = n.x, plane[1][i] = n.y, plane[2][i] = n.z;
     }
     for (int c = 0; c < 3; c++) tile->shown[content->channel][c] = plane[c];

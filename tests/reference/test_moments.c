@@ -84,7 +84,7 @@ static void each_texel(const struct lit *l, texel_fn *fn, void *user) {
             if (!tile.covered[i]) continue;
             struct texel texel = {.object = place->object,
                                   .at = lw_texels_vector(place->mesh->position, place->local + i),
-                                  .normal = lw_texels_vector(place->mesh->normal, place->local + i)};
+                                  .normal = lw_packed_normal_unpack(place->mesh->normal[place->local + i])};
             for (uint32_t channel = 0; channel < LW_TILE_CHANNEL_IRRADIANCES; channel++) {
                 texel.e[channel] = shown(&tile, channel, i);
                 texel.v[channel] = shown(&tile, LW_TILE_CHANNEL_DIRECTION + channel, i);
@@ -236,7 +236,7 @@ static void begin_ball(struct lit *l, unsigned frames) {
 /* At the current pose. */
 static struct lw_vec3 normal_of(const struct lit *l, const struct lw_solve_tile *place, uint32_t i) {
     return lw_affine_normal(&l->s.pose.object_to_world[place->object],
-                            lw_texels_vector(place->mesh->normal, place->local + i));
+                            lw_packed_normal_unpack(place->mesh->normal[place->local + i]));
 }
 
 static void test_shown_texels_and_gutters(void **state) {

@@ -169,8 +169,8 @@ static void test_a_coarse_sphere_shades_smoothly(void **state) {
                                                     t / solution.map.atlas[0]->level[0].tiles_x);
         for (uint32_t i = 0; i < tile.width * tile.height; i++) {
             if (!tile.covered[i]) continue;
-            const double cosine =
-                (double)(mesh->normal[2][start + i] * cosf(TURN) + mesh->normal[0][start + i] * sinf(TURN));
+            const struct lw_vec3 n = lw_packed_normal_unpack(mesh->normal[start + i]);
+            const double cosine = (double)(n.z * cosf(TURN) + n.x * sinf(TURN));
             /* a texel spans 0.06 rad and its normals the more; the mean of the clamped cosine lies off the
              * middle's */
             if (fabs((double)tile.direct[0][i] - fmax(0, cosine)) > 0.05)

@@ -12,22 +12,25 @@
 
 struct block {
     struct lw_mesh_texels mesh;
-    float position[3][COUNT], normal[3][COUNT], reach[COUNT];
+    float position[3][COUNT], reach[COUNT];
+    uint32_t normal[COUNT];
     uint8_t covered[COUNT], region[COUNT];
     struct lw_packet packet[LW_PACKETS_MAX];
     uint32_t count;
 };
 
 static void set_texel(struct block *b, uint32_t i, struct lw_vec3 position, struct lw_vec3 normal) {
-    const float p[3] = {position.x, position.y, position.z}, n[3] = {normal.x, normal.y, normal.z};
-    for (int c = 0; c < 3; c++) b->position[c][i] = p[c], b->normal[c][i] = n[c];
+    const float p[3] = {position.x, position.y, position.z};
+    for (int c = 0; c < 3; c++) b->position[c][i] = p[c];
+    b->normal[i] = lw_packed_normal(normal);
 }
 
 /* A flat square of texels of a decimetre. */
 static struct block *flat(void) {
     struct block *b = calloc(1, sizeof *b);
     assert_non_null(b);
-    for (int c = 0; c < 3; c++) b->mesh.position[c] = b->position[c], b->mesh.normal[c] = b->normal[c];
+    for (int c = 0; c < 3; c++) b->mesh.position[c] = b->position[c];
+    b->mesh.normal = b->normal;
     b->mesh.sample_points.reach = b->reach;
     for (uint32_t i = 0; i < COUNT; i++) {
         set_texel(b, i, lw_vec3(0.1f * (float)(i % SIDE), 0, 0.1f * (float)(i / SIDE)), lw_vec3(0, 1, 0));

@@ -60,7 +60,8 @@ static size_t area_of(const struct lw_mesh_texels *mesh) {
 
 /* How far two texels may exchange light for their surfaces' sake, in [0, 1]; the same both ways. */
 static float surface_weight(const struct lw_mesh_texels *mesh, uint32_t a, uint32_t b, float apart_max) {
-    const struct lw_vec3 na = lw_texels_vector(mesh->normal, a), nb = lw_texels_vector(mesh->normal, b);
+    const struct lw_vec3 na = lw_packed_normal_unpack(mesh->normal[a]),
+                         nb = lw_packed_normal_unpack(mesh->normal[b]);
     float w = fminf(1, lw_vec3_dot(na, nb));
     if (!(w >= 0.8f)) return 0;
     const struct lw_vec3 d =
@@ -80,7 +81,8 @@ static float texel_side(const struct lw_mesh_texels *mesh) {
         for (uint32_t x = 0; x + 1 < mesh->width; x++) {
             const uint32_t a = lw_texels_index(mesh, x, y), b = lw_texels_index(mesh, x + 1, y);
             if (!mesh->covered[a] || !mesh->covered[b] ||
-                lw_vec3_dot(lw_texels_vector(mesh->normal, a), lw_texels_vector(mesh->normal, b)) < 0.99f)
+                lw_vec3_dot(lw_packed_normal_unpack(mesh->normal[a]),
+                            lw_packed_normal_unpack(mesh->normal[b])) < 0.99f)
                 continue;
             sum += (double)lw_vec3_length(
                 lw_vec3_sub(lw_texels_vector(mesh->position, a), lw_texels_vector(mesh->position, b)));

@@ -25,7 +25,7 @@ static void keep_tile(struct lw_tiles *tiles, const struct lw_affine *to_world,
         const float luminance = fmaxf(lw_colour_luminance(lw_vec3(e[0][i], e[1][i], e[2][i])), 0);
         struct lw_vec3 moment = shortened(lw_vec3(v[0][i], v[1][i], v[2][i]), luminance);
         if (tiles->covered[i]) {
-            const struct lw_vec3 normal = lw_texels_vector(tile->mesh->normal, tile->local + k);
+            const struct lw_vec3 normal = lw_packed_normal_unpack(tile->mesh->normal[tile->local + k]);
             moment = lifted(moment, luminance, lw_affine_normal(to_world, normal));
         }
         v[0][i] = moment.x, v[1][i] = moment.y, v[2][i] = moment.z;

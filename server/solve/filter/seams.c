@@ -332,7 +332,7 @@ static bool normal_inside(const struct builder *b, const struct lw_seam_edge *ed
     const int64_t x = (int64_t)floorf(at.x), y = (int64_t)floorf(at.y);
     const struct lw_mesh_texels *mesh = mesh_of(b, edge->object[s]);
     if (!is_covered(b, edge->object[s], x, y)) return false;
-    *out = lw_texels_vector(mesh->normal, lw_texels_index(mesh, (uint32_t)x, (uint32_t)y));
+    *out = lw_packed_normal_unpack(mesh->normal[lw_texels_index(mesh, (uint32_t)x, (uint32_t)y)]);
     return true;
 }
 

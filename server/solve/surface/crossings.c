@@ -100,7 +100,7 @@ static bool is_still(const struct part *p, const struct lw_hit16 *hits, uint32_t
 }
 
 static struct lw_vec3 normal_at(const struct part *p, uint32_t i) {
-    return lw_affine_normal(&p->to_world, lw_texels_vector(p->mesh->geometric, i));
+    return lw_affine_normal(&p->to_world, lw_packed_normal_unpack(p->mesh->geometric[i]));
 }
 
 static struct lw_vec3 raised(const struct part *p, uint32_t i, float height_m) {
@@ -162,7 +162,8 @@ static uint32_t next_to(const struct part *p, uint32_t x, uint32_t y, uint8_t si
     if (nx >= mesh->width || ny >= mesh->height || !p->usable[i]) return LW_TEXEL_NONE;
     const uint32_t j = lw_texels_index(mesh, nx, ny);
     if (!p->usable[j] || mesh->chart[i] != mesh->chart[j]) return LW_TEXEL_NONE;
-    const struct lw_vec3 n = lw_texels_vector(mesh->geometric, i), m = lw_texels_vector(mesh->geometric, j);
+    const struct lw_vec3 n = lw_packed_normal_unpack(mesh->geometric[i]),
+                         m = lw_packed_normal_unpack(mesh->geometric[j]);
     return lw_vec3_dot(n, m) < NORMALS_COSINE || distance(p, i, j) > APART * mesh->texel_m ? LW_TEXEL_NONE
                                                                                            : j;
 }

@@ -358,7 +358,7 @@ static struct lw_vec3 look_from(const struct crowd *c, const struct texel *texel
     const struct lw_affine *to_world = &s->pose->object_to_world[c->object];
     if (texel->pivot) return raised(c, texel->pivot);
     return lw_vec3_mad(lw_affine_point(to_world, lw_texels_vector(mesh->position, texel->index)),
-                       lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, texel->index)),
+                       lw_affine_normal(to_world, lw_packed_normal_unpack(mesh->geometric[texel->index])),
                        LOOK_ALONG * c->size_m);
 }
 

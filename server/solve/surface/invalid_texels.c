@@ -76,7 +76,7 @@ static bool may_be_freed(const struct search *s, uint32_t object, float size_m, 
     const struct lw_mesh_texels *mesh = &s->texels->mesh[s->texels->scene->object[object].mesh];
     const struct lw_affine *to_world = &s->points.pose->object_to_world[object];
     const struct lw_vec3 p = lw_affine_point(to_world, lw_texels_vector(mesh->position, i)),
-                         n = lw_affine_normal(to_world, lw_texels_vector(mesh->geometric, i));
+                         n = lw_affine_normal(to_world, lw_packed_normal_unpack(mesh->geometric[i]));
     const float margin = 2 * size_m;
     for (uint32_t k = 0; k < s->first.count; k++) {
         const struct lw_box *box = &s->first.box[k];

@@ -125,7 +125,7 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
             if (!covered[y * stride + x]) continue;
             const uint32_t i = first + y * stride + x;
             const struct lw_vec3 p = lw_texels_vector(mesh->position, i),
-                                 n = lw_texels_vector(mesh->normal, i);
+                                 n = lw_packed_normal_unpack(mesh->normal[i]);
             member[count++] = (struct member){.at = {p.x, p.y, p.z, n.x, n.y, n.z},
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
                                               .region = region[y * stride + x],

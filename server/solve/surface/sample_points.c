@@ -2,14 +2,14 @@
 
 #include "common/base/invariant.h"
 #include "common/base/wide.h"
+#include "server/solve/surface/packed_normal.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#define LANES 16
-/* An even number of steps, so that the six axes, which most walls face, are exact. */
-#define NORMAL_STEPS    65534.0f
-#define GEOMETRIC_STEPS 254.0f
+#define LANES           16
+#define NORMAL_STEPS    LW_PACKED_NORMAL_STEPS
+#define GEOMETRIC_STEPS 254.0f /* even, as well */
 
 /* A flat texel's points may lie beside their plane's by this share of its reach, and its normals differ from
  * the plane's by this much. */
@@ -33,15 +33,10 @@ struct lw_vec2 lw_sample_points_spot(uint32_t k) {
 static float in_steps(float x, float steps) { return (x * 0.5f + 0.5f) * steps; }
 static float quantise(float x, float steps) { return floorf(in_steps(x, steps) + 0.5f); }
 
-static struct lw_vec2 fold(struct lw_vec3 d) {
-    float norm = fabsf(d.x) + fabsf(d.y) + fabsf(d.z), u = d.x / norm, v = d.y / norm;
-    if (d.z >= 0) return (struct lw_vec2){u, v};
-    return (struct lw_vec2){(1 - fabsf(v)) * copysignf(1, u), (1 - fabsf(u)) * copysignf(1, v)};
-}
-
 static struct lw_sample_points_packed pack(const struct lw_sample_points_point *point,
                                            struct lw_vec3 position, float reach) {
-    const struct lw_vec2 n = fold(point->normal), g = fold(point->geometric);
+    const struct lw_vec2 n = lw_packed_normal_fold(point->normal),
+                         g = lw_packed_normal_fold(point->geometric);
     const struct lw_vec3 offset =
         lw_vec3_scale(lw_vec3_sub(point->origin, position), reach > 0 ? 32767 / reach : 0);
     const uint32_t x = (uint16_t)lrintf(offset.x), y = (uint16_t)lrintf(offset.y),
@@ -116,7 +111,8 @@ static float measure_offset(const struct lw_sample_points_plane *plane,
     float most = 0;
     for (uint32_t k = 0; k < texel->count; k++) {
         const struct lw_sample_points_point *point = &texel->point[k];
-        const struct lw_vec2 n = fold(point->normal), g = fold(point->geometric);
+        const struct lw_vec2 n = lw_packed_normal_fold(point->normal),
+                             g = lw_packed_normal_fold(point->geometric);
         if (!(fabsf(in_steps(n.x, NORMAL_STEPS) - plane->normal.x) <= FLAT_NORMAL * NORMAL_STEPS &&
               fabsf(in_steps(n.y, NORMAL_STEPS) - plane->normal.y) <= FLAT_NORMAL * NORMAL_STEPS &&
               fabsf(in_steps(g.x, GEOMETRIC_STEPS) - plane->geometric.x) <= FLAT_NORMAL * GEOMETRIC_STEPS &&
@@ -141,7 +137,8 @@ static bool find_plane(struct lw_sample_points *points, const struct lw_sample_p
         *out_offset = measure_offset(&points->plane[*out_plane], texel, reach);
         if (*out_offset < INFINITY) return true;
     }
-    const struct lw_vec2 n = fold(texel->point[0].normal), g = fold(texel->point[0].geometric);
+    const struct lw_vec2 n = lw_packed_normal_fold(texel->point[0].normal),
+                         g = lw_packed_normal_fold(texel->point[0].geometric);
     const struct lw_sample_points_plane plane = {
         .right = texel->right,
         .down = texel->down,

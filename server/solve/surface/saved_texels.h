@@ -14,7 +14,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/surface/invalid_texels.h"
 
-#define LW_SAVED_TEXELS_VERSION  2u
+#define LW_SAVED_TEXELS_VERSION  3u
 #define LW_SAVED_TEXELS_KEY_SIZE 16u /* bytes */
 #define LW_SAVED_TEXELS_SUFFIX   ".lwtexels"
 /* Most bytes of all such files in a folder. The newest file stays even if it is larger. */

@@ -422,8 +422,8 @@ static bool evaluate(const struct raster *r) {
         struct lw_sample_points_point point = point_at(mesh, c->triangle, c->u, c->v, c->back);
         texels->covered[i] = 1;
         store(texels->position, i, surface.position);
-        store(texels->normal, i, point.normal);
-        store(texels->geometric, i, point.geometric);
+        texels->normal[i] = lw_packed_normal(point.normal);
+        texels->geometric[i] = lw_packed_normal(point.geometric);
         if (r->has_albedo) store(texels->albedo, i, mean_albedo(r, c));
         LW_INVARIANT_DEAR(!r->has_albedo || is_albedo(lw_texels_vector(texels->albedo, i)));
         if (!set_sample_points(texels, mesh, c, x, y)) return false;
@@ -461,10 +461,10 @@ static bool allocate(struct lw_mesh_texels *texels, bool has_albedo) {
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (texels->position[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (texels->normal[c] = calloc(count, sizeof(float))) != NULL;
-        ok &= (texels->geometric[c] = calloc(count, sizeof(float))) != NULL;
         if (has_albedo) ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
     }
+    ok &= (texels->normal = calloc(count, sizeof *texels->normal)) != NULL;
+    ok &= (texels->geometric = calloc(count, sizeof *texels->geometric)) != NULL;
     ok &= (texels->covered = calloc(count, 1)) != NULL;
     ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
     ok &= lw_sample_points_init(&texels->sample_points, texels->texel_count);
@@ -705,9 +705,8 @@ enum lw_status lw_texels_reserve(struct lw_texels *texels, uint32_t more) {
 }
 
 static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *mesh) {
-    const size_t vectors =
-        sizeof *t->position[0] + sizeof *t->normal[0] + sizeof *t->geometric[0] + sizeof *t->albedo[0];
-    return t->texel_count * (3 * vectors + sizeof *t->covered + sizeof *t->chart) +
+    return t->texel_count * (3 * (sizeof *t->position[0] + sizeof *t->albedo[0]) + sizeof *t->normal +
+                             sizeof *t->geometric + sizeof *t->covered + sizeof *t->chart) +
            lw_sample_points_memory_bytes(&t->sample_points, t->texel_count) +
            mesh->triangle_count * sizeof *t->triangle;
 }
@@ -728,10 +727,10 @@ size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
 void lw_texels_finish_mesh(struct lw_mesh_texels *mesh) {
     for (int c = 0; c < 3; c++) {
         free(mesh->position[c]);
-        free(mesh->normal[c]);
-        free(mesh->geometric[c]);
         free(mesh->albedo[c]);
     }
+    free(mesh->normal);
+    free(mesh->geometric);
     free(mesh->covered);
     free(mesh->chart);
     lw_sample_points_finish(&mesh->sample_points);

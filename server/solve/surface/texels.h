@@ -13,6 +13,7 @@
 #include "common/base/waiting.h"
 #include "common/scene/scene.h"
 #include "common/tile/atlas.h"
+#include "server/solve/surface/packed_normal.h"
 #include "server/solve/surface/sample_points.h"
 
 #define LW_TEXEL_NONE UINT32_MAX
@@ -34,12 +35,13 @@ struct lw_triangle_uv {
 /** Texels of one mesh; arrays of texel_count. */
 struct lw_mesh_texels {
     uint32_t width, height, texel_count;
-    float texel_m;       /* side of a texel, object space, m: the mean over the mesh */
-    float *position[3];  /* object space, m; on the surface */
-    float *normal[3];    /* shading normal, object space, unit */
-    float *geometric[3]; /* normal of the triangle, object space, unit, on the side that this texel lights */
-    float *albedo[3];    /* mean over the texel; a gutter has that of the texel that stands for it */
-    uint8_t *covered;    /* 1: the texel's square overlaps a triangle */
+    float texel_m;      /* side of a texel, object space, m: the mean over the mesh */
+    float *position[3]; /* object space, m; on the surface */
+    uint32_t *normal;   /* shading normal, object space, packed (packed_normal.h) */
+    uint32_t
+        *geometric;   /* normal of the triangle, packed, object space, on the side that this texel lights */
+    float *albedo[3]; /* mean over the texel; a gutter has that of the texel that stands for it */
+    uint8_t *covered; /* 1: the texel's square overlaps a triangle */
     /* The chart that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none. */
     uint32_t *chart;
     struct lw_sample_points sample_points; /* where on the texel its rays start */
