@@ -20,10 +20,6 @@ static bool parts_drawn(const struct lw_patch_solver *s) {
 
 bool lw_patch_solver_cancelled(const struct lw_patch_solver *s) { return s->desc.cancel && *s->desc.cancel; }
 
-float *const *lw_patch_solver_bounces(struct lw_patch_solver *s) {
-    return s->tiles.estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST];
-}
-
 void lw_patch_solver_add(const struct lw_patch_solver *s, float *const dst[3], float *const src[3]) {
 #pragma omp parallel for schedule(static) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.texel_count; i++)
@@ -148,16 +144,15 @@ static void blend(struct lw_patch_solver *s) {
         if (tile->hidden) continue;
         for (uint32_t texel = tile->first; texel < tile->first + tile->width * tile->height; texel++) {
             if (!tiles->covered[texel]) continue;
-            const struct lw_vec3 direct = lw_texels_vector(s->frame_direct, texel);
-            lw_tiles_store(tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel, direct);
+            const struct lw_vec3 direct = lw_texels_vector(s->frame_direct, texel),
+                                 bounces = lw_texels_vector(s->frame_bounces, texel);
+            tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] = lw_packed_light(direct);
+            tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST][texel] = lw_packed_light(bounces);
             lw_tiles_blend(tiles->direct, texel, direct, weight);
-            lw_tiles_blend(
-                tiles->order[0], texel,
-                lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST], texel),
-                weight);
+            lw_tiles_blend(tiles->order[0], texel, bounces, weight);
             if (!parts_drawn(s)) continue;
             const struct lw_vec3 drawn = lw_texels_vector(s->frame_drawn, texel);
-            lw_tiles_store(tiles->drawn_estimate, texel, drawn);
+            tiles->drawn_estimate[texel] = lw_packed_light(drawn);
             lw_tiles_blend(tiles->drawn, texel, drawn, weight);
         }
         LW_TILES_EACH_BLOCK (tile, block) {
@@ -326,7 +321,7 @@ static size_t memory_bytes(const struct lw_solver *solver) {
     return lw_tiles_memory_bytes(&s->tiles) + lw_shown_memory_bytes(&s->shown) +
            lw_patches_memory_bytes(&s->patches) + lw_geometry_memory_bytes(&s->geometry) +
            s->method->memory_bytes(s) +
-           (size_t)s->tiles.texel_count * (parts_drawn(s) ? 9 : 6) * sizeof(float);
+           (size_t)s->tiles.texel_count * (parts_drawn(s) ? 12 : 9) * sizeof(float);
 }
 
 static void destroy(struct lw_solver *solver) {
@@ -344,6 +339,7 @@ static void destroy(struct lw_solver *solver) {
     lw_pose_finish(&s->pose);
     for (int c = 0; c < 3; c++) {
         free(s->frame_direct[c]);
+        free(s->frame_bounces[c]);
         free(s->frame_drawn[c]);
         free(s->arrived[c]);
     }
@@ -388,6 +384,7 @@ static bool allocate(struct lw_patch_solver *s) {
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (s->frame_direct[c] = calloc(count, sizeof(float))) != NULL;
+        ok &= (s->frame_bounces[c] = calloc(count, sizeof(float))) != NULL;
         ok &= (s->arrived[c] = calloc(count, sizeof(float))) != NULL;
         if (parts_drawn(s)) ok &= (s->frame_drawn[c] = calloc(count, sizeof(float))) != NULL;
     }

@@ -35,7 +35,7 @@ struct lw_patch_solver_method {
     void (*leave)(struct lw_patch_solver *s, const struct lw_pose *next);
     /** Before the light of a frame: patches and what else has a place. Errors: any. */
     enum lw_status (*place)(struct lw_patch_solver *s, struct lw_error *err);
-    /** Sets the frame's estimate of all bounces, lw_patch_solver_bounces(), from frame_direct, and adds what
+    /** Sets the frame's estimate of all bounces, frame_bounces, from frame_direct, and adds what
      * surfaces send to that. Returns rays. */
     uint64_t (*bounces)(struct lw_patch_solver *s);
     /** After a frame that was not cancelled. May be NULL. */
@@ -62,7 +62,8 @@ struct lw_patch_solver {
     struct lw_lights emitters, lights, drawn;
     uint8_t *no_light, *no_material; /* for a scene without client lights; one value for every material */
     struct lw_patches patches;
-    float *frame_direct[3], *frame_drawn[3], *arrived[3]; /* E of this frame; of the pass under way */
+    float *frame_direct[3], *frame_drawn[3], *frame_bounces[3]; /* E of this frame */
+    float *arrived[3];                                          /* E of the pass under way */
     struct lw_pose pose;
     bool placed;
     struct lw_progress progress;
@@ -76,9 +77,6 @@ LW_MUST_CHECK enum lw_status lw_patch_solver_create(struct lw_patch_solver *s,
                                                     const struct lw_solver_desc *desc,
                                                     const struct lw_pose *pose, struct lw_solver **out_solver,
                                                     struct lw_error *err);
-
-/** The frame's estimate of bounces, E per texel. */
-float *const *lw_patch_solver_bounces(struct lw_patch_solver *s);
 
 /** Adds planes of all texels. */
 void lw_patch_solver_add(const struct lw_patch_solver *s, float *const dst[3], float *const src[3]);

@@ -95,7 +95,7 @@ static uint64_t steps(const struct lw_patch_solver *p) {
 /* Emission first, then bounce by bounce. */
 static uint64_t shoot(struct lw_patch_solver *p) {
     struct radiosity_solver *s = (struct radiosity_solver *)p;
-    float *const *const indirect = lw_patch_solver_bounces(p);
+    float *const *const indirect = p->frame_bounces;
     uint64_t rays = 0;
     if (!p->frames && s->directions.count)
         lw_log(LW_LOG_INFO, "radiosity: %u patches, %u directions", p->patches.count, s->directions.count);

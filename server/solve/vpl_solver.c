@@ -101,7 +101,7 @@ static uint32_t most_of(const struct lw_patch_solver *p) {
 
 static uint64_t bounces(struct lw_patch_solver *p) {
     struct vpl_solver *s = (struct vpl_solver *)p;
-    float *const *const indirect = lw_patch_solver_bounces(p);
+    float *const *const indirect = p->frame_bounces;
     const uint32_t sets = sets_of(p), set = p->frames % sets;
     for (int c = 0; c < 3; c++) memset(indirect[c], 0, p->tiles.texel_count * sizeof(float));
     if (!s->lights.paths.paths) return 0;

@@ -63,8 +63,10 @@ static struct sums add_up(const struct lit *lit) {
                     sums.order[k][c] += (double)t->order[k][c][texel];
                     sums.least = fminf(sums.least, t->order[k][c][texel]);
                 }
-                for (int k = 0; k < LW_TILES_ESTIMATES; k++)
-                    sums.estimate[k][c] += (double)t->estimate[k][c][texel];
+                for (int k = 0; k < LW_TILES_ESTIMATES; k++) {
+                    const struct lw_vec3 estimate = lw_tiles_estimate(t, k, texel);
+                    sums.estimate[k][c] += (double)(&estimate.x)[c];
+                }
             }
             sums.mean += (double)t->mean[texel];
         }

@@ -64,19 +64,17 @@ static float changed(float mean, float then, float now) {
     return mean * fmaxf(now, 0) / then;
 }
 
-/* Corrects one channel: client-drawn light and all other light change each by itself. *out_served: by how
- * much the other light is brighter. Returns by how much all light is. */
-static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float off, float off_drawn,
-                         float *out_served) {
-    float *estimate = &tiles->estimate[LW_TILES_ESTIMATE_DIRECT][c][texel], *mean = &tiles->direct[c][texel];
-    const float then = *estimate, was = *mean;
-    *estimate += off;
-    if (!tiles->drawn[c]) return *out_served = (*mean = changed(was, then, *estimate)) - was;
-    float *drawn_estimate = &tiles->drawn_estimate[c][texel], *drawn = &tiles->drawn[c][texel];
-    const float drawn_then = *drawn_estimate, served = was - *drawn;
-    *drawn_estimate += off_drawn;
-    *drawn = changed(*drawn, drawn_then, *drawn_estimate);
-    const float served_now = changed(served, then - drawn_then, *estimate - *drawn_estimate);
+/* Corrects one channel: client-drawn light and all other light change each by itself. then, drawn_then: its
+ * estimates of before. *out_served: by how much the other light is brighter. Returns by how much all light
+ * is. */
+static float add_channel(struct lw_tiles *tiles, uint32_t texel, int c, float then, float off,
+                         float drawn_then, float off_drawn, float *out_served) {
+    float *mean = &tiles->direct[c][texel], *drawn = &tiles->drawn[c][texel];
+    const float now = then + off, was = *mean;
+    if (!tiles->drawn[c]) return *out_served = (*mean = changed(was, then, now)) - was;
+    const float drawn_now = drawn_then + off_drawn, served = was - *drawn;
+    *drawn = changed(*drawn, drawn_then, drawn_now);
+    const float served_now = changed(served, then - drawn_then, now - drawn_now);
     *mean = *drawn + served_now;
     *out_served = served_now - served;
     return *mean - was;
@@ -107,8 +105,13 @@ static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uin
                        struct lw_vec3 off, struct lw_vec3 off_drawn) {
     float more[3], served[3];
     const struct direct_luminance then = luminance_of(tiles, texel);
+    const struct lw_vec3 estimate = lw_tiles_estimate(tiles, LW_TILES_ESTIMATE_DIRECT, texel),
+                         drawn = tiles->drawn[0] ? lw_tiles_drawn_estimate(tiles, texel) : lw_vec3(0, 0, 0);
     for (int c = 0; c < 3; c++)
-        more[c] = add_channel(tiles, texel, c, (&off.x)[c], (&off_drawn.x)[c], &served[c]);
+        more[c] = add_channel(tiles, texel, c, (&estimate.x)[c], (&off.x)[c], (&drawn.x)[c],
+                              (&off_drawn.x)[c], &served[c]);
+    tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] = lw_packed_light(lw_vec3_add(estimate, off));
+    if (tiles->drawn[0]) tiles->drawn_estimate[texel] = lw_packed_light(lw_vec3_add(drawn, off_drawn));
     const float brighter = luminance(more[0], more[1], more[2]);
     tiles->mean[texel] += brighter;
     block->luminance += (double)brighter;
@@ -414,10 +417,14 @@ static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, c
             tiles->mean[texel] += brighter;
             if (tiles->split_mean) tiles->split_mean[texel] += brighter;
             block->luminance += (double)brighter;
-            for (int order = 0; estimates && order < LW_CHANGE_ORDERS; order++)
-                tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][c][texel] += by[order];
         }
     }
+    for (uint32_t i = 0; estimates && i < texels->count; i++)
+        for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
+            uint64_t *estimate = &tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][texels->texel[i]];
+            *estimate = lw_packed_light(
+                lw_vec3_add(lw_packed_light_unpack(*estimate), shift->of[order][texels->region[i]]));
+        }
     for (uint32_t i = 0; tiles->moment[LW_TILES_INDIRECT][0] && i < texels->count; i++)
         lw_tiles_scale_moment(tiles->moment[LW_TILES_INDIRECT], texels->texel[i], then[i],
                               lw_colour_luminance(lw_texels_vector(tiles->indirect, texels->texel[i])));

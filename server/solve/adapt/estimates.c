@@ -18,10 +18,10 @@
 
 /* What the last solve had of one part of a texel's light. */
 static struct lw_vec3 estimate_at(const struct lw_tiles *tiles, int part, uint32_t texel) {
-    if (part == LW_TILES_DIRECT) return lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel);
+    if (part == LW_TILES_DIRECT) return lw_tiles_estimate(tiles, LW_TILES_ESTIMATE_DIRECT, texel);
     struct lw_vec3 e = {0};
     for (int order = 0; order < LW_CHANGE_ORDERS; order++)
-        e = lw_vec3_add(e, lw_texels_vector(tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
+        e = lw_vec3_add(e, lw_tiles_estimate(tiles, LW_TILES_ESTIMATE_BOUNCES + order, texel));
     return e;
 }
 
@@ -39,7 +39,7 @@ static void note_estimate(struct lw_tiles *tiles, uint32_t texel, float weight) 
         lw_vec3_add(estimate_at(tiles, LW_TILES_DIRECT, texel), estimate_at(tiles, LW_TILES_INDIRECT, texel));
     note_luminance(&tiles->mean[texel], &tiles->spread[texel], lw_colour_luminance(e), weight);
     if (!tiles->split_mean) return;
-    const struct lw_vec3 split = lw_vec3_sub(e, lw_texels_vector(tiles->drawn_estimate, texel));
+    const struct lw_vec3 split = lw_vec3_sub(e, lw_tiles_drawn_estimate(tiles, texel));
     note_luminance(&tiles->split_mean[texel], &tiles->split_spread[texel], lw_colour_luminance(split),
                    weight);
 }

@@ -14,18 +14,20 @@
  * single bright ends are no news. */
 #define DIFFERENCE_MAX 4.0f
 
-/* An estimate beyond float's range is in no mean (lw_tiles_blend()), and tells nothing. */
+/* By how much an estimate differs from the packed one of before: not at all if the light is the same. An
+ * estimate beyond float's range is in no mean (lw_tiles_blend()), and tells nothing. */
 static struct lw_vec3 difference(struct lw_vec3 now, struct lw_vec3 then) {
-    const struct lw_vec3 off = lw_vec3_sub(now, then);
+    const struct lw_vec3 off = lw_vec3_sub(lw_packed_light_rounded(now), then);
     return lw_vec3_is_finite(off) ? off : lw_vec3(0, 0, 0);
 }
 
+/* Rounds sums as lw_bounces_gather() does. */
 static struct lw_vec3 gather_order(const struct lw_transport *t, uint32_t texel, int order) {
     const uint32_t last = order == LW_CHANGE_FIRST ? 1 : t->tiles->bounces;
     struct lw_vec3 e = {0};
     for (uint32_t bounce = order == LW_CHANGE_FIRST ? 1 : 2; bounce <= last && bounce <= t->tiles->bounces;
          bounce++)
-        e = lw_vec3_add(e, lw_bounces_at(t, texel, bounce));
+        e = lw_packed_light_rounded(lw_vec3_add(e, lw_bounces_at(t, texel, bounce)));
     return e;
 }
 
@@ -41,10 +43,10 @@ static bool compare_direct(const struct lw_transport *t, const struct lw_solve_t
     for (uint32_t lane = 0; lane < lanes; lane++) {
         const uint32_t texel = tile->first + launch->texel[lane];
         off[lane] = difference(lw_direct_light_lane(direct->all, lane),
-                               lw_texels_vector(t->tiles->estimate[LW_TILES_ESTIMATE_DIRECT], texel));
+                               lw_tiles_estimate(t->tiles, LW_TILES_ESTIMATE_DIRECT, texel));
         if (t->drawn)
             off_drawn[lane] = difference(lw_direct_light_lane(direct->drawn, lane),
-                                         lw_texels_vector(t->tiles->drawn_estimate, texel));
+                                         lw_tiles_drawn_estimate(t->tiles, texel));
         const float weighted = block->weight[t->tiles->region_of_texel[texel]] * lw_vec3_max_abs(off[lane]);
         *square += weighted * weighted;
     }
@@ -68,7 +70,7 @@ static void compare_indirect(const struct lw_transport *t, const struct lw_solve
         for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
             of_order[order][lane] =
                 difference(gather_order(t, texel, order),
-                           lw_texels_vector(t->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel));
+                           lw_tiles_estimate(t->tiles, LW_TILES_ESTIMATE_BOUNCES + order, texel));
             off[lane] = lw_vec3_add(off[lane], of_order[order][lane]);
         }
         sum += lw_vec3_max_abs(off[lane]);
@@ -197,8 +199,8 @@ void lw_verify_restore_estimates(const struct lw_transport *t, const struct lw_s
                 const uint32_t texel = tile->first + launch.texel[lane];
                 lw_direct_light_keep(t, texel, &direct, lane);
                 for (int order = 0; order < LW_CHANGE_ORDERS; order++)
-                    lw_tiles_store(t->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order], texel,
-                                   gather_order(t, texel, order));
+                    t->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][texel] =
+                        lw_packed_light(gather_order(t, texel, order));
             }
         }
     }

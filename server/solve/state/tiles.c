@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A plane: where it hangs, a float for each texel unless it is the packed radiance of a bounce. All that
+/* A plane: where it hangs, a float for each texel unless it is packed light. All that
  * allocates, frees or counts them goes by these lists. */
 struct plane {
     float **at;
@@ -44,8 +44,8 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
         out[n++] = (struct plane){.at = &tiles->direct[c]};
         out[n++] = (struct plane){.at = &tiles->indirect[c]};
         for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){.at = &tiles->order[k][c]};
-        for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){.at = &tiles->estimate[k][c]};
     }
+    for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){.packed = &tiles->estimate[k]};
     for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){.packed = &tiles->radiance[k]};
     out[n++] = (struct plane){.at = &tiles->mean};
     out[n++] = (struct plane){.at = &tiles->spread};
@@ -55,10 +55,8 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
 /* Lists the planes of the light that client lights give. */
 static uint32_t list_drawn(struct lw_tiles *tiles, struct plane out[PLANES_MAX]) {
     uint32_t n = 0;
-    for (int c = 0; c < 3; c++) {
-        out[n++] = (struct plane){.at = &tiles->drawn[c]};
-        out[n++] = (struct plane){.at = &tiles->drawn_estimate[c]};
-    }
+    for (int c = 0; c < 3; c++) out[n++] = (struct plane){.at = &tiles->drawn[c]};
+    out[n++] = (struct plane){.packed = &tiles->drawn_estimate};
     out[n++] = (struct plane){.at = &tiles->split_mean};
     out[n++] = (struct plane){.at = &tiles->split_spread};
     return list_channels(tiles, lw_tile_channels_held(true, false) & ~lw_tile_channels_held(false, false), n,

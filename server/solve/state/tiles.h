@@ -10,7 +10,7 @@
 #include "server/solve/state/cells.h"
 #include "server/solve/state/change.h"
 #include "server/solve/state/history.h"
-#include "server/solve/state/packed_radiance.h"
+#include "server/solve/state/packed_light.h"
 #include "server/solve/surface/packets.h"
 #include "server/solve/surface/texels.h"
 
@@ -137,8 +137,7 @@ struct lw_tiles {
     uint8_t *region_of_texel; /* (regions.h) */
     float *direct[3];         /* mean E of bounce 0 per texel, W/m^2 */
     float *indirect[3];       /* the sum of bounces 1..N */
-    /* The part of direct, and of its last estimate, that client lights give. NULL: no client lights. */
-    float *drawn[3], *drawn_estimate[3];
+    float *drawn[3];          /* the part of direct that client lights give; NULL: no client lights */
     /* Cosine moments (direction_form.h), W/m^2, of direct light without client lights and of bounces, by
      * part. NULL: not held. drawn_moment is that of client lights. */
     float *moment[LW_TILES_PARTS][3], *drawn_moment[3];
@@ -156,7 +155,9 @@ struct lw_tiles {
     uint64_t *radiance[LW_TILES_BOUNCES_MAX];
     /* [LW_REGIONS * block + region]: mean difference of this radiance from the frame before. */
     struct lw_vec3 *radiance_change[LW_TILES_BOUNCES_MAX];
-    float *estimate[LW_TILES_ESTIMATES][3]; /* E of the last frame that solved the texel, alone */
+    /* E of the last frame that solved the texel, alone, packed. drawn_estimate: the part of direct light that
+     * client lights give; NULL where drawn is. */
+    uint64_t *estimate[LW_TILES_ESTIMATES], *drawn_estimate;
     float *mean, *spread; /* luminance of these estimates: running mean, sum of squared deviations */
     float *split_mean, *split_spread; /* the same without client lights; NULL where drawn is */
     /* spread, or split_spread while SPLIT alone is shown: the light of client lights has no noise then.
@@ -246,10 +247,19 @@ static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel,
     return direct + tiles->indirect[plane][texel];
 }
 
+/** E of the last frame that solved the texel, alone. which: LW_TILES_ESTIMATE_* */
+static inline struct lw_vec3 lw_tiles_estimate(const struct lw_tiles *tiles, int which, uint32_t texel) {
+    return lw_packed_light_unpack(tiles->estimate[which][texel]);
+}
+/** Its part that client lights give, if tiles->drawn is there. */
+static inline struct lw_vec3 lw_tiles_drawn_estimate(const struct lw_tiles *tiles, uint32_t texel) {
+    return lw_packed_light_unpack(tiles->drawn_estimate[texel]);
+}
+
 /** What a texel sends out of a bounce order, W/(m^2 sr). */
 static inline struct lw_vec3 lw_tiles_radiance(const struct lw_tiles *tiles, uint32_t bounce,
                                                uint32_t texel) {
-    return lw_packed_radiance_unpack(tiles->radiance[bounce][texel]);
+    return lw_packed_light_unpack(tiles->radiance[bounce][texel]);
 }
 
 /** Blends an estimate into a mean. Skips an estimate that is not finite: the mean would never recover. */

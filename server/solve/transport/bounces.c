@@ -430,7 +430,7 @@ static int estimate_of(uint32_t bounce) {
 
 void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
     LW_INVARIANT(bounce > 0 && bounce <= t->tiles->bounces);
-    float *const *estimate = t->tiles->estimate[estimate_of(bounce)];
+    uint64_t *estimate = t->tiles->estimate[estimate_of(bounce)];
     const uint32_t count = tile->width * tile->height;
     const bool has_moments = lw_tiles_has_moments(t->tiles, tile);
     for (uint32_t i = 0; i < count; i++) {
@@ -441,7 +441,8 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         if (!block->due || !t->tiles->covered[texel]) continue;
         const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);
         lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
-        lw_tiles_store(estimate, texel, bounce <= 2 ? e : lw_vec3_add(lw_texels_vector(estimate, texel), e));
+        estimate[texel] =
+            lw_packed_light(bounce <= 2 ? e : lw_vec3_add(lw_packed_light_unpack(estimate[texel]), e));
         if (has_moments) blend_moment(t, texel, bounce, block->indirect.weight);
     }
 }
@@ -566,7 +567,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
             now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
         }
         LW_INVARIANT_DEAR(!t->tiles->covered[texel] || lw_vec3_is_finite(now));
-        t->tiles->radiance[bounce][texel] = lw_packed_radiance(now);
+        t->tiles->radiance[bounce][texel] = lw_packed_light(now);
         now = lw_tiles_radiance(t->tiles, bounce, texel);
         if (t->tiles->covered[texel]) {
             const uint32_t region = t->tiles->region_of_texel[texel];

@@ -17,7 +17,7 @@
 #include "common/trace/trace.h"
 #include "server/solve/state/cells.h"
 #include "server/solve/state/checkpoint.h"
-#include "server/solve/state/packed_radiance.h"
+#include "server/solve/state/packed_light.h"
 #include "server/solve/surface/wall_sides.h"
 #include "server/solve/transport/probe_form.h"
 
