@@ -61,10 +61,9 @@ static void convert_tile(struct lw_solver_tile *tile, const struct content *cont
     const float **e = tile->shown[content->channel];
     if (!content->convention) return;
     for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        const struct lw_vec3 albedo =
-            content->convention->times_albedo
-                ? lw_vec3(tile->albedo[0][i], tile->albedo[1][i], tile->albedo[2][i])
-                : lw_vec3(0, 0, 0); /* tile_by_tile.h has none then */
+        const struct lw_vec3 albedo = content->convention->times_albedo
+                                          ? lw_packed_albedo_unpack(tile->albedo[i])
+                                          : lw_vec3(0, 0, 0); /* tile_by_tile.h has none then */
         const struct lw_vec3 texel =
             lw_convention_texel(content->convention, lw_vec3(e[0][i], e[1][i], e[2][i]), albedo);
         plane[0][i] = texel.x;

@@ -55,8 +55,9 @@ size_t lw_fine_tiles_memory_bytes(const struct lw_fine_tiles *fine) {
     for (uint32_t k = 0; k < fine->slots; k++) {
         const struct lw_mesh_texels *mesh = &fine->tile[k].texels.mesh;
         if (!fine->tile[k].used) continue;
-        bytes += mesh->texel_count * ((mesh->albedo[0] ? 6 : 3) * sizeof(float) + sizeof *mesh->normal +
-                                      sizeof *mesh->geometric + sizeof *mesh->chart) +
+        bytes += mesh->texel_count *
+                     (3 * sizeof *mesh->position[0] + sizeof *mesh->normal + sizeof *mesh->geometric +
+                      (mesh->albedo ? sizeof *mesh->albedo : 0) + sizeof *mesh->chart) +
                  lw_sample_points_memory_bytes(&mesh->sample_points, mesh->texel_count);
     }
     return bytes;

@@ -30,12 +30,12 @@ void lw_patch_solver_reflect(struct lw_patch_solver *s, float *const e[3], float
 #pragma omp parallel for schedule(dynamic, 1) num_threads(s->threads)
     for (uint32_t i = 0; i < s->tiles.count; i++) {
         const struct lw_solve_tile *tile = &s->tiles.tile[i];
-        for (uint32_t k = 0; k < tile->width * tile->height; k++)
+        for (uint32_t k = 0; k < tile->width * tile->height; k++) {
+            const struct lw_vec3 albedo = lw_packed_albedo_unpack(tile->mesh->albedo[tile->local + k]);
             for (int c = 0; c < 3; c++)
                 out_radiance[3 * (size_t)(tile->first + k) + (size_t)c] =
-                    s->tiles.covered[tile->first + k]
-                        ? tile->mesh->albedo[c][tile->local + k] * e[c][tile->first + k] / LW_PI
-                        : 0;
+                    s->tiles.covered[tile->first + k] ? (&albedo.x)[c] * e[c][tile->first + k] / LW_PI : 0;
+        }
     }
 }
 

@@ -82,8 +82,8 @@ void lw_shown_read_tile(const struct lw_shown *s, lw_tile_id id, uint32_t bounce
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = tiles->direct[c] + tile->first;
         out_tile->indirect[c] = tiles->indirect[c] + tile->first;
-        out_tile->albedo[c] = tile->mesh->albedo[c] ? tile->mesh->albedo[c] + tile->local : NULL;
     }
+    out_tile->albedo = tile->mesh->albedo ? tile->mesh->albedo + tile->local : NULL;
     LW_TILE_CHANNELS_EACH (channel, s->channels | LW_TILE_CHANNELS_FULL)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             out_tile->shown[channel][p] = tiles->shown[channel][p] + tile->first;

@@ -9,6 +9,7 @@
 #include "common/tile/tile_channels.h"
 #include "server/solve/light_groups.h"
 #include "server/solve/state/solver_terms.h"
+#include "server/solve/surface/packed_albedo.h"
 
 #include <stdatomic.h>
 #include <string.h>
@@ -117,9 +118,9 @@ struct lw_solver_tile {
     /* Shown planes by channel (tile_channels.h): the sums, filtered and welded as the desc says. NULL: the
      * channel is not shown (choose_channels()). */
     const float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
-    const float *albedo[3]; /* mean over each texel; of finer levels NULL, unless they are for maps */
-    const uint8_t *covered; /* 1: the texel has surface */
-    const uint8_t *filled;  /* 1: gutter with light and albedo of its chart; NULL: there is none */
+    const struct lw_packed_albedo *albedo; /* mean over each texel; NULL: of a finer level, unless for maps */
+    const uint8_t *covered;                /* 1: the texel has surface */
+    const uint8_t *filled; /* 1: gutter with light and albedo of its chart; NULL: there is none */
     /* The chart that covers a texel, or reads it in bilinear look-ups (surface/texels.h); NULL: not known. */
     const uint32_t *chart;
     uint32_t width, height;

@@ -46,7 +46,7 @@ struct tile_by_tile {
     struct lw_tile_file_tile *buffer; /* a tile that is written, or was read last */
     struct lw_coarse_tiles coarse;    /* one tile, which was read last */
     lw_tile_id coarse_tile;           /* {UINT32_MAX}: none */
-    float *albedo;                    /* its albedo: 3 planes */
+    struct lw_packed_albedo *albedo;  /* of the tile that was read last */
 };
 
 static uint32_t count_planes(const struct lw_tile_by_tile_desc *how) {
@@ -74,8 +74,10 @@ static enum lw_status keep(struct tile_by_tile *s, uint32_t id, const struct lw_
     LW_TILE_CHANNELS_EACH (channel, s->how.channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             memcpy(to->plane[plane++], tile->shown[channel][p], texels * sizeof(float));
-    for (int c = 0; c < 3 && s->how.has_albedo; c++)
-        memcpy(to->plane[plane++], tile->albedo[c], texels * sizeof(float));
+    for (uint32_t i = 0; i < texels && s->how.has_albedo; i++) {
+        const struct lw_vec3 albedo = lw_packed_albedo_unpack(tile->albedo[i]);
+        for (uint32_t c = 0; c < 3; c++) to->plane[plane + c][i] = (&albedo.x)[c];
+    }
     return lw_tile_file_put(&s->file, id, to, err);
 }
 
@@ -237,10 +239,12 @@ static void read_kept(const struct tile_by_tile *s, lw_tile_id id, struct lw_sol
     LW_TILE_CHANNELS_EACH (channel, s->how.channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             out_tile->shown[channel][p] = from->plane[plane++];
-    for (int c = 0; c < 3; c++) {
-        out_tile->direct[c] = out_tile->indirect[c] = black;
-        if (s->how.has_albedo) out_tile->albedo[c] = from->plane[plane++];
-    }
+    for (int c = 0; c < 3; c++) out_tile->direct[c] = out_tile->indirect[c] = black;
+    if (!s->how.has_albedo) return;
+    for (uint32_t i = 0; i < place->width * place->height; i++)
+        s->albedo[i] = lw_packed_albedo(
+            lw_vec3(from->plane[plane][i], from->plane[plane + 1][i], from->plane[plane + 2][i]));
+    out_tile->albedo = s->albedo;
 }
 
 /* The albedo of the coarse texels. */
@@ -248,15 +252,11 @@ static void take_albedo(struct tile_by_tile *s, const struct lw_tile_place *plac
                         struct lw_solver_tile *tile) {
     struct lw_solver_tile below;
     const uint32_t first = read_below(s, place, &below);
-    for (uint32_t c = 0; c < 3; c++) {
-        float *plane = s->albedo + c * LW_TILE_TEXELS_MAX;
-        for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-            const uint32_t x = i % tile->width / LW_COARSE_SCENE_SIDE,
-                           y = i / tile->width / LW_COARSE_SCENE_SIDE;
-            plane[i] = below.albedo[c][first + y * below.width + x];
-        }
-        tile->albedo[c] = plane;
+    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
+        const uint32_t x = i % tile->width / LW_COARSE_SCENE_SIDE, y = i / tile->width / LW_COARSE_SCENE_SIDE;
+        s->albedo[i] = below.albedo[first + y * below.width + x];
     }
+    tile->albedo = s->albedo;
 }
 
 static void read_coarse(struct tile_by_tile *s, lw_tile_id id, struct lw_solver_tile *out_tile) {
@@ -364,7 +364,7 @@ static enum lw_status make_room(struct tile_by_tile *s, int threads) {
     enum lw_status status = lw_coarse_tiles_init(&s->coarse, s->map, &s->coarse_scene.map, true, threads);
     s->interest = calloc(s->fine_map.tile_count + 1ul, 1);
     s->buffer = calloc(1, sizeof *s->buffer);
-    s->albedo = calloc(3 * LW_TILE_TEXELS_MAX, sizeof *s->albedo);
+    s->albedo = calloc(LW_TILE_TEXELS_MAX, sizeof *s->albedo);
     return status == LW_OK && s->interest && s->buffer && s->albedo ? LW_OK : LW_NO_MEMORY;
 }
 

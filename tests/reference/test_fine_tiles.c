@@ -29,9 +29,10 @@ static void expect_same_texels(const struct lw_fine_texels *fine, const struct l
         if (!mesh->covered[j]) continue;
         assert_true(lw_vec3_length(lw_vec3_sub(lw_packed_normal_unpack(fine->mesh.normal[i]),
                                                lw_packed_normal_unpack(mesh->normal[j]))) < 1e-3f);
+        assert_true(lw_vec3_length(lw_vec3_sub(lw_packed_albedo_unpack(fine->mesh.albedo[i]),
+                                               lw_packed_albedo_unpack(mesh->albedo[j]))) < 1e-3f);
         for (int c = 0; c < 3; c++) {
             assert_true(fabsf(fine->mesh.position[c][i] - mesh->position[c][j]) < 1e-4f);
-            assert_true(fabsf(fine->mesh.albedo[c][i] - mesh->albedo[c][j]) < 1e-3f);
         }
         assert_int_equal(lw_sample_points_all(&fine->mesh.sample_points, i),
                          lw_sample_points_all(&mesh->sample_points, j));

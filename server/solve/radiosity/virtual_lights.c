@@ -70,7 +70,7 @@ static struct lw_vec3 albedo_of(const struct lw_patches *patches, uint32_t texel
     const struct lw_tiles *tiles = patches->tiles;
     const struct lw_solve_tile *tile =
         lw_tiles_at(tiles, (lw_tile_id){tiles->block[tiles->block_of_texel[texel]].tile_id});
-    return lw_texels_vector(tile->mesh->albedo, tile->local + (texel - tile->first));
+    return lw_packed_albedo_unpack(tile->mesh->albedo[tile->local + (texel - tile->first)]);
 }
 
 static uint32_t object_of(const struct lw_patches *patches, uint32_t texel) {

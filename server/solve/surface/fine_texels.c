@@ -405,10 +405,10 @@ static bool fine_allocate(struct lw_fine_texels *fine, uint32_t width, uint32_t 
         (struct lw_fine_texels){.mesh = {.width = width, .height = height, .texel_count = width * height}};
     for (int c = 0; c < 3; c++) {
         ok &= (mesh->position[c] = malloc(count * sizeof(float))) != NULL;
-        if (has_albedo) ok &= (mesh->albedo[c] = malloc(count * sizeof(float))) != NULL;
     }
     ok &= (mesh->normal = malloc(count * sizeof *mesh->normal)) != NULL;
     ok &= (mesh->geometric = malloc(count * sizeof *mesh->geometric)) != NULL;
+    if (has_albedo) ok &= (mesh->albedo = malloc(count * sizeof *mesh->albedo)) != NULL;
     ok &= (mesh->covered = malloc(count)) != NULL;
     ok &= (mesh->chart = malloc(count * sizeof *mesh->chart)) != NULL;
     ok &= lw_sample_points_init(&mesh->sample_points, mesh->texel_count);
@@ -439,10 +439,10 @@ void lw_fine_texels_finish(struct lw_fine_texels *fine) {
 static bool copy_texel(struct lw_mesh_texels *to, uint32_t i, const struct lw_mesh_texels *from, uint32_t j) {
     for (int c = 0; c < 3; c++) {
         to->position[c][i] = from->position[c][j];
-        if (from->albedo[c]) to->albedo[c][i] = from->albedo[c][j];
     }
     to->normal[i] = from->normal[j];
     to->geometric[i] = from->geometric[j];
+    if (from->albedo) to->albedo[i] = from->albedo[j];
     to->covered[i] = from->covered[j];
     to->chart[i] = from->chart[j];
     return lw_sample_points_copy(&to->sample_points, i, &from->sample_points, j);
@@ -463,7 +463,7 @@ static uint32_t inner_of(const struct window *w, const struct lw_fine_texels *fi
 static bool cut_out(const struct window *w, const struct lw_tile_place *place, struct lw_fine_texels *out) {
     const struct lw_sample_points *points = &w->texels.sample_points;
     if (!fine_allocate(out, place->width, place->height, points, points->first[w->texels.texel_count],
-                       w->texels.albedo[0] != NULL))
+                       w->texels.albedo != NULL))
         return false;
     out->mesh.texel_m = w->texels.texel_m;
     for (uint32_t i = 0; i < out->mesh.texel_count; i++) {

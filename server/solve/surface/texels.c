@@ -194,13 +194,20 @@ static void add_albedo(const struct raster *r, struct claim *c, const struct lw_
     }
 }
 
+/* No surface sends back more light than it gets. */
+static bool is_albedo(struct lw_vec3 a) {
+    return a.x >= 0 && a.y >= 0 && a.z >= 0 && lw_vec3_max_abs(a) < 1.001f;
+}
+
 /* A texel too narrow to hold one of those points has the albedo of its own sample. */
 static struct lw_vec3 mean_albedo(const struct raster *r, struct claim *c) {
     if (!c->albedo_points) add_albedo_at(r, c, c->triangle, c->u, c->v);
     LW_INVARIANT_DEAR(c->albedo_points > 0 && c->surface >= 0 &&
                       c->surface < 1.001f * (float)c->albedo_points);
-    return c->surface > 0 ? lw_vec3_scale(c->albedo, 1 / c->surface)
-                          : lw_vec3_scale(c->plain_albedo, 1 / (float)c->albedo_points);
+    const struct lw_vec3 mean = c->surface > 0 ? lw_vec3_scale(c->albedo, 1 / c->surface)
+                                               : lw_vec3_scale(c->plain_albedo, 1 / (float)c->albedo_points);
+    LW_INVARIANT_DEAR(is_albedo(mean));
+    return mean;
 }
 
 /* The number of a triangle's chart until charts are joined. */
@@ -397,11 +404,6 @@ static uint32_t source_of(const struct lw_mesh_texels *mesh, const uint8_t *cove
     return count ? lw_texels_index(mesh, best->x, best->y) : LW_TEXEL_NONE;
 }
 
-/* No surface sends back more light than it gets. */
-static bool is_albedo(struct lw_vec3 a) {
-    return a.x >= 0 && a.y >= 0 && a.z >= 0 && lw_vec3_max_abs(a) < 1.001f;
-}
-
 static bool evaluate(const struct raster *r) {
     const struct lw_mesh *mesh = r->mesh;
     struct lw_mesh_texels *texels = r->texels;
@@ -424,8 +426,7 @@ static bool evaluate(const struct raster *r) {
         store(texels->position, i, surface.position);
         texels->normal[i] = lw_packed_normal(point.normal);
         texels->geometric[i] = lw_packed_normal(point.geometric);
-        if (r->has_albedo) store(texels->albedo, i, mean_albedo(r, c));
-        LW_INVARIANT_DEAR(!r->has_albedo || is_albedo(lw_texels_vector(texels->albedo, i)));
+        if (r->has_albedo) texels->albedo[i] = lw_packed_albedo(mean_albedo(r, c));
         if (!set_sample_points(texels, mesh, c, x, y)) return false;
     }
     lw_sample_points_trim(points);
@@ -433,7 +434,7 @@ static bool evaluate(const struct raster *r) {
         for (uint32_t x = 0; x < texels->width; x++) {
             const uint32_t i = lw_texels_index(texels, x, y);
             const uint32_t source = texels->covered[i] ? i : source_of(texels, texels->covered, x, y);
-            if (source != LW_TEXEL_NONE) store(texels->albedo, i, lw_texels_vector(texels->albedo, source));
+            if (source != LW_TEXEL_NONE) texels->albedo[i] = texels->albedo[source];
         }
     return true;
 }
@@ -461,10 +462,10 @@ static bool allocate(struct lw_mesh_texels *texels, bool has_albedo) {
     bool ok = true;
     for (int c = 0; c < 3; c++) {
         ok &= (texels->position[c] = calloc(count, sizeof(float))) != NULL;
-        if (has_albedo) ok &= (texels->albedo[c] = calloc(count, sizeof(float))) != NULL;
     }
     ok &= (texels->normal = calloc(count, sizeof *texels->normal)) != NULL;
     ok &= (texels->geometric = calloc(count, sizeof *texels->geometric)) != NULL;
+    if (has_albedo) ok &= (texels->albedo = calloc(count, sizeof *texels->albedo)) != NULL;
     ok &= (texels->covered = calloc(count, 1)) != NULL;
     ok &= (texels->chart = calloc(count, sizeof *texels->chart)) != NULL;
     ok &= lw_sample_points_init(&texels->sample_points, texels->texel_count);
@@ -705,8 +706,8 @@ enum lw_status lw_texels_reserve(struct lw_texels *texels, uint32_t more) {
 }
 
 static size_t mesh_bytes(const struct lw_mesh_texels *t, const struct lw_mesh *mesh) {
-    return t->texel_count * (3 * (sizeof *t->position[0] + sizeof *t->albedo[0]) + sizeof *t->normal +
-                             sizeof *t->geometric + sizeof *t->covered + sizeof *t->chart) +
+    return t->texel_count * (3 * sizeof *t->position[0] + sizeof *t->normal + sizeof *t->geometric +
+                             sizeof *t->albedo + sizeof *t->covered + sizeof *t->chart) +
            lw_sample_points_memory_bytes(&t->sample_points, t->texel_count) +
            mesh->triangle_count * sizeof *t->triangle;
 }
@@ -727,8 +728,8 @@ size_t lw_texels_memory_bytes(const struct lw_texels *texels) {
 void lw_texels_finish_mesh(struct lw_mesh_texels *mesh) {
     for (int c = 0; c < 3; c++) {
         free(mesh->position[c]);
-        free(mesh->albedo[c]);
     }
+    free(mesh->albedo);
     free(mesh->normal);
     free(mesh->geometric);
     free(mesh->covered);
@@ -749,8 +750,7 @@ enum lw_status lw_texels_set_albedo(struct lw_texels *texels, int threads) {
                                        .texel_count = mesh->texel_count,
                                        .back_offset = mesh->back_offset};
         if (build_mesh(&fresh, scene, &scene->mesh[m]))
-            for (int c = 0; c < 3; c++)
-                memcpy(mesh->albedo[c], fresh.albedo[c], mesh->texel_count * sizeof(float));
+            memcpy(mesh->albedo, fresh.albedo, mesh->texel_count * sizeof *mesh->albedo);
         else
             failures++;
         lw_texels_finish_mesh(&fresh);

@@ -13,6 +13,7 @@
 #include "common/base/waiting.h"
 #include "common/scene/scene.h"
 #include "common/tile/atlas.h"
+#include "server/solve/surface/packed_albedo.h"
 #include "server/solve/surface/packed_normal.h"
 #include "server/solve/surface/sample_points.h"
 
@@ -39,8 +40,9 @@ struct lw_mesh_texels {
     float *position[3]; /* object space, m; on the surface */
     uint32_t *normal;   /* shading normal, object space, packed (packed_normal.h) */
     uint32_t
-        *geometric;   /* normal of the triangle, packed, object space, on the side that this texel lights */
-    float *albedo[3]; /* mean over the texel; a gutter has that of the texel that stands for it */
+        *geometric; /* normal of the triangle, packed, object space, on the side that this texel lights */
+    struct lw_packed_albedo
+        *albedo;      /* mean over the texel; a gutter has that of the texel that stands for it */
     uint8_t *covered; /* 1: the texel's square overlaps a triangle */
     /* The chart that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none. */
     uint32_t *chart;

@@ -477,9 +477,9 @@ struct senders {
 };
 
 static struct lw_vec3 reflected(const struct senders *senders, uint32_t texel, uint32_t local) {
-    return lw_vec3_scale(
-        lw_vec3_mul(lw_texels_vector(senders->e, texel), lw_texels_vector(senders->mesh->albedo, local)),
-        1 / LW_PI);
+    return lw_vec3_scale(lw_vec3_mul(lw_texels_vector(senders->e, texel),
+                                     lw_packed_albedo_unpack(senders->mesh->albedo[local])),
+                         1 / LW_PI);
 }
 
 /* The share of its reflected light that a texel sends on by itself. */
