@@ -12,8 +12,9 @@
 
 struct block {
     struct lw_mesh_texels mesh;
-    float position[3][COUNT], reach[COUNT];
+    float position[3][COUNT];
     uint32_t normal[COUNT];
+    uint16_t reach[COUNT];
     uint8_t covered[COUNT], region[COUNT];
     struct lw_packet packet[LW_PACKETS_MAX];
     uint32_t count;
@@ -34,7 +35,7 @@ static struct block *flat(void) {
     b->mesh.sample_points.reach = b->reach;
     for (uint32_t i = 0; i < COUNT; i++) {
         set_texel(b, i, lw_vec3(0.1f * (float)(i % SIDE), 0, 0.1f * (float)(i / SIDE)), lw_vec3(0, 1, 0));
-        b->reach[i] = 0.05f;
+        b->reach[i] = lw_packed_length(0.05f);
         b->covered[i] = 1;
         b->region[i] = (uint8_t)(i % SIDE / 4);
     }
@@ -113,7 +114,7 @@ static void some_texels_or_none(void **state) {
     for (uint32_t i = 0; i < COUNT; i++) { /* scattered, of any position and normal, some of no size */
         const float a = (float)(i * 2654435761u % 1024);
         set_texel(b, i, lw_vec3(a, -a, sinf(a)), lw_vec3(sinf(a), cosf(a), 0));
-        b->reach[i] = i % 3 ? 0 : 0.05f;
+        b->reach[i] = i % 3 ? 0 : lw_packed_length(0.05f);
         b->covered[i] = i % 5 == 0 || i % 7 == 0;
     }
     deal(b);

@@ -108,7 +108,7 @@ static struct lw_vec3 raised(const struct part *p, uint32_t i, float height_m) {
 }
 
 static float lift_of(const struct part *p, uint32_t i) {
-    return lw_sample_points_lift_m(&p->frame, p->mesh->sample_points.lift[i]);
+    return lw_sample_points_lift_m(&p->frame, lw_packed_length_unpack(p->mesh->sample_points.lift[i]));
 }
 
 /* How much room there is above each texel. */

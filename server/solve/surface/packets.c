@@ -130,7 +130,7 @@ uint32_t lw_packets_deal(const struct lw_mesh_texels *mesh, uint32_t first, uint
                                               .texel = (uint8_t)(y * LW_TILE_BLOCK + x),
                                               .region = region[y * stride + x],
                                               .turn = turn_of(x, y)};
-            reach += mesh->sample_points.reach[i];
+            reach += lw_packed_length_unpack(mesh->sample_points.reach[i]);
         }
     /* Places reach half a texel to both sides along its axes. */
     const uint32_t packets = count ? split(member, count, fmaxf(2 * reach / (float)count, 1e-30f), out) : 0;

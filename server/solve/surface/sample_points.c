@@ -163,23 +163,24 @@ static float find_reach(const struct lw_sample_points_texel *texel) {
 bool lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel,
                            const struct lw_sample_points_texel *from) {
     const uint32_t first = points->first[texel];
-    const float reach = find_reach(from);
+    const uint16_t packed_reach = lw_packed_length(find_reach(from));
+    const float reach = lw_packed_length_unpack(packed_reach);
+    float lift = LW_TRACE_LIFT * from->largest;
     uint32_t plane = 0;
     float offset;
     LW_INVARIANT(from->count > 0 && first + from->count == points->first[texel + 1] &&
                  first >= points->packed_count);
     if (!find_plane(points, from, reach, &plane, &offset)) return false;
-    points->reach[texel] = reach;
-    points->lift[texel] = LW_TRACE_LIFT * from->largest;
-    LW_INVARIANT_DEAR(points->lift[texel] >= 0 && reach >= 0);
+    LW_INVARIANT_DEAR(lift >= 0 && reach >= 0);
+    /* Of an offset each axis is rounded by half a step of reach / 32767: together by less than one. */
+    lift += offset < INFINITY ? offset : reach / 32767;
+    points->reach[texel] = packed_reach;
+    points->lift[texel] = lw_packed_length(lift);
     if (offset < INFINITY) {
         points->form[texel] = LW_SAMPLE_POINTS_FLAT | plane;
-        points->lift[texel] += offset;
         for (uint32_t k = 0; k < from->count; k++) points->spot[first + k] = from->point[k].spot;
         return true;
     }
-    /* Each axis is rounded by half a step of reach / 32767: together by less than one. */
-    points->lift[texel] += reach / 32767;
     if (!make_room(&points->packed, points->packed_count, from->count, sizeof *points->packed)) return false;
     points->form[texel] = first - points->packed_count;
     for (uint32_t k = 0; k < from->count; k++)
@@ -261,7 +262,7 @@ static void load_one(const struct lw_sample_points *points, struct lw_vec3 posit
         lanes->gy[i] = plane->geometric.y;
     } else {
         const uint32_t *word = points->packed[point - form].word;
-        const float step = points->reach[texel] * (1.0f / 32767);
+        const float step = lw_packed_length_unpack(points->reach[texel]) * (1.0f / 32767);
         offset =
             lw_vec3(step * (float)((int32_t)(word[0] << 16) >> 16), step * (float)((int32_t)word[0] >> 16),
                     step * (float)((int32_t)(word[1] << 16) >> 16));
@@ -282,7 +283,7 @@ void lw_sample_points_load(const struct lw_sample_points *points, float *const p
     uint32_t spot[LANES], differ = 0;
     for (int i = 0; i < LANES; i++) {
         differ |= points->form[texel[i]] ^ form;
-        lanes->lift[i] = points->lift[texel[i]];
+        lanes->lift[i] = lw_packed_length_unpack(points->lift[texel[i]]);
     }
     if (differ || !(form & LW_SAMPLE_POINTS_FLAT)) {
         for (uint32_t i = 0; i < LANES; i++)

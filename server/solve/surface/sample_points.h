@@ -16,6 +16,7 @@
 #include "common/base/points16.h"
 #include "common/scene/scene.h"
 #include "common/trace/trace.h"
+#include "server/solve/surface/packed_length.h"
 
 #define LW_SAMPLE_POINTS_MAX 8u
 /* Points of a texel's square of which the first eight on its chart are its sample points: a strip of an
@@ -47,8 +48,9 @@ struct lw_sample_points {
     struct lw_sample_points_packed *packed; /* sample points of the other texels */
     struct lw_sample_points_plane *plane;
     uint32_t packed_count, plane_count;
-    float *reach; /* per texel: the largest offset, m in object space */
-    float *lift;  /* per texel: how far rays start off the surface for rounding, m in object space */
+    /* Per texel, m in object space, packed (packed_length.h). reach: the largest offset. lift: how far rays
+     * start off the surface for rounding. */
+    uint16_t *reach, *lift;
 };
 #define LW_SAMPLE_POINTS_FLAT 0x80000000u
 
