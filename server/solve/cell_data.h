@@ -39,6 +39,7 @@ struct lw_cell_solver {
     uint16_t *ray_gloss;     /* the same; NULL: without directions, or without finishes */
     struct lw_reflectors reflectors;
     struct lw_reflected *reflected;
+    uint16_t *reflected_direction; /* NULL: without directions */
     /* Cost of the last listing of reflectors; of rays and sums since then. Wall time in ns, or work units
      * under a budget of units. listing is 0 when a listing is due. */
     uint64_t listing, since_listing;

@@ -61,6 +61,7 @@ struct lw_transport lw_cell_frame_transport(struct lw_cell_solver *s) {
                                  .ray_gloss = s->ray_gloss,
                                  .reflectors = &s->reflectors,
                                  .reflected = s->reflected,
+                                 .reflected_direction = s->reflected_direction,
                                  .direct_samples = s->desc.direct_samples,
                                  .indirect_samples = s->desc.indirect_samples,
                                  .seed = s->desc.seed,

@@ -164,14 +164,15 @@ static enum lw_status load(struct lw_solver *solver, const char *path, const uin
 static size_t memory_bytes(const struct lw_solver *solver) {
     const struct lw_cell_solver *s = (const struct lw_cell_solver *)solver;
     const size_t rays = (size_t)s->tiles.texel_capacity * s->desc.indirect_samples;
-    size_t bytes = rays * (sizeof *s->ray_hit + (s->ray_direction ? sizeof *s->ray_direction : 0) +
-                           (s->ray_gloss ? sizeof *s->ray_gloss : 0)) +
-                   (size_t)s->tiles.texel_capacity * sizeof *s->reflected +
-                   2 * s->tiles.capacity * sizeof *s->due + lw_reflectors_memory_bytes(&s->reflectors) +
-                   lw_tiles_memory_bytes(&s->tiles) + lw_shown_memory_bytes(&s->shown) +
-                   lw_interest_set_memory_bytes(&s->interest) +
-                   lw_plan_bytes(s->tiles.capacity, s->memory.ids) + 2 * s->memory.ids * sizeof(bool) +
-                   s->tiles.capacity * (sizeof *s->fact + sizeof *s->work.reports);
+    size_t bytes =
+        rays * (sizeof *s->ray_hit + (s->ray_direction ? sizeof *s->ray_direction : 0) +
+                (s->ray_gloss ? sizeof *s->ray_gloss : 0)) +
+        (size_t)s->tiles.texel_capacity *
+            (sizeof *s->reflected + (s->reflected_direction ? sizeof *s->reflected_direction : 0)) +
+        2 * s->tiles.capacity * sizeof *s->due + lw_reflectors_memory_bytes(&s->reflectors) +
+        lw_tiles_memory_bytes(&s->tiles) + lw_shown_memory_bytes(&s->shown) +
+        lw_interest_set_memory_bytes(&s->interest) + lw_plan_bytes(s->tiles.capacity, s->memory.ids) +
+        2 * s->memory.ids * sizeof(bool) + s->tiles.capacity * (sizeof *s->fact + sizeof *s->work.reports);
     if (s->has_probes) bytes += lw_probes_memory_bytes(&s->probes);
     return bytes + (s->geometry == &s->own_geometry ? lw_geometry_memory_bytes(s->geometry) : 0);
 }
@@ -201,6 +202,7 @@ static void destroy(struct lw_solver *solver) {
     free(s->ray_direction);
     free(s->ray_gloss);
     free(s->reflected);
+    free(s->reflected_direction);
     free(s->due);
     free(s->exchanged);
     free(s);
@@ -310,10 +312,12 @@ static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose
     if (s->desc.directions) s->ray_direction = calloc(rays, sizeof *s->ray_direction);
     if (glossy) s->ray_gloss = calloc(rays, sizeof *s->ray_gloss);
     s->reflected = calloc((size_t)texels->capacity + 1, sizeof *s->reflected);
+    if (s->desc.directions)
+        s->reflected_direction = calloc((size_t)texels->capacity + 1, sizeof *s->reflected_direction);
     s->due = malloc(((size_t)s->tiles.capacity + 1) * sizeof *s->due);
     s->exchanged = malloc(((size_t)s->tiles.capacity + 1) * sizeof *s->exchanged);
-    if (!s->ray_hit || (s->desc.directions && !s->ray_direction) || (glossy && !s->ray_gloss) ||
-        !s->reflected || !s->due || !s->exchanged ||
+    if (!s->ray_hit || (s->desc.directions && (!s->ray_direction || !s->reflected_direction)) ||
+        (glossy && !s->ray_gloss) || !s->reflected || !s->due || !s->exchanged ||
         lw_reflectors_init(&s->reflectors, scene, texels, &s->pose) != LW_OK || allocate_plan(s) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "%u texels", texels->count);
     if (!s->desc.plan_log) return LW_OK;

@@ -64,7 +64,7 @@ static void forget(struct lw_patch_solver *s) {
         if (planes[k]) memset(planes[k], 0, bytes);
     for (int c = 0; c < 3; c++) {
         memset(s->tiles.direct[c], 0, bytes);
-        memset(s->tiles.order[0][c], 0, bytes);
+        memset(s->tiles.indirect[c], 0, bytes);
         if (s->tiles.drawn[c]) memset(s->tiles.drawn[c], 0, bytes);
     }
     lw_seams_welds_forget(&s->shown.welds);
@@ -149,7 +149,7 @@ static void blend(struct lw_patch_solver *s) {
             tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] = lw_packed_light(direct);
             tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST][texel] = lw_packed_light(bounces);
             lw_tiles_blend(tiles->direct, texel, direct, weight);
-            lw_tiles_blend(tiles->order[0], texel, bounces, weight);
+            lw_tiles_blend(tiles->indirect, texel, bounces, weight);
             if (!parts_drawn(s)) continue;
             const struct lw_vec3 drawn = lw_texels_vector(s->frame_drawn, texel);
             tiles->drawn_estimate[texel] = lw_packed_light(drawn);

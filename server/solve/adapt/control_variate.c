@@ -330,12 +330,6 @@ static void take_from(struct lw_solve_block *block, uint32_t first, const struct
 }
 
 /* Light of a texel's later bounces. */
-static float later_of(const struct lw_tiles *tiles, int c, uint32_t texel) {
-    float sum = 0;
-    for (uint32_t k = 1; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
-    return sum;
-}
-
 /* Light of `texels` texels together. */
 struct sum {
     double light[LW_CHANGE_ORDERS];
@@ -357,16 +351,19 @@ static float shifted(float value, float shift, double light, uint32_t texels) {
 /* Returns by how much the texel is brighter. */
 static float shift_texel(struct lw_tiles *tiles, uint32_t texel, int c, const struct sum *sum,
                          const float shift[LW_CHANGE_ORDERS]) {
-    const float first = tiles->order[0][c][texel], later = later_of(tiles, c, texel),
+    const float first = lw_tiles_first(tiles, (uint32_t)c, texel),
+                later = lw_tiles_later(tiles, (uint32_t)c, texel),
                 first_now = shifted(first, shift[LW_CHANGE_FIRST], sum->light[LW_CHANGE_FIRST], sum->texels),
                 later_now = shifted(later, shift[LW_CHANGE_LATER], sum->light[LW_CHANGE_LATER], sum->texels);
     const bool shared = later > 0 && later >= SHARED_MIN * later_now;
-    tiles->order[0][c][texel] = first_now;
-    for (uint32_t k = 1; k < tiles->bounces; k++) {
+    for (uint32_t k = 0; k + 1 < tiles->bounces; k++) {
         float *light = &tiles->order[k][c][texel];
-        *light = shared ? *light * (later_now / later) : k == 1 ? later_now : 0;
+        if (k == 0)
+            *light = first_now;
+        else
+            *light = shared ? *light * (later_now / later) : k == 1 ? later_now : 0;
     }
-    tiles->indirect[c][texel] += first_now - first + later_now - later;
+    tiles->indirect[c][texel] = first_now + later_now;
     LW_INVARIANT_DEAR(isfinite(tiles->indirect[c][texel]));
     return first_now - first + later_now - later;
 }
@@ -405,8 +402,8 @@ static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, c
         struct sum sum[LW_REGIONS] = {{{0}, 0}};
         for (uint32_t i = 0; i < texels->count; i++) {
             struct sum *region = &sum[texels->region[i]];
-            region->light[LW_CHANGE_FIRST] += (double)tiles->order[0][c][texels->texel[i]];
-            region->light[LW_CHANGE_LATER] += (double)later_of(tiles, c, texels->texel[i]);
+            region->light[LW_CHANGE_FIRST] += (double)lw_tiles_first(tiles, (uint32_t)c, texels->texel[i]);
+            region->light[LW_CHANGE_LATER] += (double)lw_tiles_later(tiles, (uint32_t)c, texels->texel[i]);
             region->texels++;
         }
         for (uint32_t i = 0; i < texels->count; i++) {

@@ -225,15 +225,6 @@ void lw_estimates_judge(const struct lw_transport *t, struct lw_solve_tile *tile
 
 void lw_estimates_finish_tile(const struct lw_transport *t, struct lw_solve_tile *tile) {
     struct lw_tiles *tiles = t->tiles;
-    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        const uint32_t texel = tile->first + i;
-        if (!tiles->covered[texel]) continue;
-        for (int c = 0; c < 3; c++) {
-            float sum = 0;
-            for (uint32_t k = 0; k < tiles->bounces; k++) sum += tiles->order[k][c][texel];
-            tiles->indirect[c][texel] = sum;
-        }
-    }
     for (uint32_t row = 0; row < tile->block_rows; row++)
         for (uint32_t column = 0; column < tile->block_columns; column++) {
             const struct lw_solve_block *block = &tile->block[row * tile->block_columns + column];

@@ -49,7 +49,7 @@ static uint32_t list_planes(const struct lw_tiles *tiles, float *out_plane[PLANE
         out_plane[n++] = tiles->direct[c];
         out_plane[n++] = tiles->indirect[c];
         out_plane[n++] = tiles->shown[LW_TILE_CHANNEL_FULL][c];
-        for (uint32_t k = 0; k < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
+        for (uint32_t k = 0; k + 1 < tiles->bounces; k++) out_plane[n++] = tiles->order[k][c];
     }
     out_plane[n++] = tiles->mean;
     out_plane[n++] = tiles->spread;

@@ -13,7 +13,7 @@
 
 #include "server/solve/state/tiles.h"
 
-#define LW_CHECKPOINT_VERSION  8u
+#define LW_CHECKPOINT_VERSION  9u
 #define LW_CHECKPOINT_KEY_SIZE 16u /* bytes */
 
 /** Memory that belongs to the state beside the tiles. */

@@ -43,7 +43,8 @@ static uint32_t list_planes(struct lw_tiles *tiles, struct plane out[PLANES_MAX]
     for (int c = 0; c < 3; c++) {
         out[n++] = (struct plane){.at = &tiles->direct[c]};
         out[n++] = (struct plane){.at = &tiles->indirect[c]};
-        for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){.at = &tiles->order[k][c]};
+        for (uint32_t k = 0; k + 1 < tiles->bounces; k++)
+            out[n++] = (struct plane){.at = &tiles->order[k][c]};
     }
     for (int k = 0; k < LW_TILES_ESTIMATES; k++) out[n++] = (struct plane){.packed = &tiles->estimate[k]};
     for (uint32_t k = 0; k < tiles->bounces; k++) out[n++] = (struct plane){.packed = &tiles->radiance[k]};

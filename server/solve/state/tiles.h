@@ -148,8 +148,9 @@ struct lw_tiles {
     /* Shown planes by channel: the sums of the last frame that showed the block, filtered and welded. NULL:
      * the channel is not in `channels`. */
     float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
-    uint32_t channels;                     /* channels that this solve holds (tile_channels.h) */
-    float *order[LW_TILES_BOUNCES_MAX][3]; /* mean E of bounce order k + 1 alone */
+    uint32_t channels; /* channels that this solve holds (tile_channels.h) */
+    /* Mean E of bounce order k + 1 alone. The last order is the rest of indirect, and has no planes. */
+    float *order[LW_TILES_BOUNCES_MAX][3];
     /* Radiance that texels send out of bounce order k, W/(m^2 sr), packed. Each order has a plane of its own,
      * so that it stays while the tile is not solved. */
     uint64_t *radiance[LW_TILES_BOUNCES_MAX];
@@ -234,6 +235,15 @@ static inline float lw_tiles_moment(const struct lw_tiles *tiles, uint32_t irrad
         tiles->moment[LW_TILES_DIRECT][axis][texel] + tiles->moment[LW_TILES_INDIRECT][axis][texel];
     const float *drawn = irradiance == LW_TILE_CHANNEL_FULL ? tiles->drawn_moment[axis] : NULL;
     return drawn ? kept + drawn[texel] : kept;
+}
+
+/** Mean E of the first bounce, and of all later bounces together. */
+static inline float lw_tiles_first(const struct lw_tiles *tiles, uint32_t c, uint32_t texel) {
+    return tiles->bounces > 1 ? tiles->order[0][c][texel] : tiles->indirect[c][texel];
+}
+static inline float lw_tiles_later(const struct lw_tiles *tiles, uint32_t c, uint32_t texel) {
+    const float later = tiles->indirect[c][texel] - lw_tiles_first(tiles, c, texel);
+    return later > 0 ? later : 0;
 }
 
 /** The mean of a texel in a plane of a channel, neither filtered nor welded. */

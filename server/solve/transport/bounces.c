@@ -53,6 +53,7 @@ struct flight {
     uint32_t texel[LANES], hit[LANES];
     uint32_t sample; /* number within the frame */
     uint16_t active;
+    bool has_moments; /* of its texels: they read directions */
     unsigned flags;
 };
 #define FLIGHTS 3u /* traced; ended; about to be noted */
@@ -178,6 +179,10 @@ static void read_surfaces(const struct lw_transport *t, struct flight *f) {
             f->hit[lane] = read_beside(t, f, seen, lane);
 }
 
+static uint16_t pack_direction(const struct lw_ray16 *rays, uint32_t lane) {
+    return lw_ray_direction_pack(lw_vec3(rays->dir_x[lane], rays->dir_y[lane], rays->dir_z[lane]));
+}
+
 /* Notes the texels that a packet's rays read. */
 static void note_hits(const struct lw_transport *t, struct flight *f) {
     read_surfaces(t, f);
@@ -192,10 +197,10 @@ static void note_hits(const struct lw_transport *t, struct flight *f) {
                 f->hit[lane] & LW_RAY_HIT_PROBE
                     ? LW_HIT_GLOSS_ONE
                     : lw_hit_gloss(t, &f->rays, &f->hits, lane, f->texel[lane], f->hit[lane]);
-    for (uint32_t lane = 0; t->ray_direction && lane < LANES; lane++)
+    for (uint32_t lane = 0; f->has_moments && lane < LANES; lane++)
         if (f->active >> lane & 1)
             t->ray_direction[(size_t)f->texel[lane] * t->indirect_samples + f->sample] =
-                lw_ray_direction_pack(lw_vec3(f->rays.dir_x[lane], f->rays.dir_y[lane], f->rays.dir_z[lane]));
+                pack_direction(&f->rays, lane);
 }
 
 /* One step for the two packets before the one that has been traced last. */
@@ -252,7 +257,6 @@ static bool aim_at(const struct lw_transport *t, const struct lw_reflector *refl
     out->texel =
         lw_texels_under(t->texels, reflector->object, point->triangle, point->u, point->v, there > 0);
     out->weight = here * fabsf(there) / (square * square) * point->area_m2;
-    out->direction = lw_ray_direction_pack(lw_vec3_normalize(way));
     lw_trace_set_ray(rays, lane, from, way, LW_TRACE_SHORT);
     return out->texel != LW_TEXEL_NONE && t->texels->source[out->texel] != LW_TEXEL_NONE;
 }
@@ -314,6 +318,8 @@ static void reach(const struct lw_transport *t, const struct lw_solve_tile *tile
         found[lane].weight /= probability * share;
         LW_INVARIANT_DEAR(found[lane].weight >= 0 && can_be_read(t, found[lane].texel));
         t->reflected[tile->first + launch->texel[lane]] = found[lane];
+        if (lw_tiles_has_moments(t->tiles, tile))
+            t->reflected_direction[tile->first + launch->texel[lane]] = pack_direction(&rays, lane);
     }
 }
 
@@ -335,6 +341,7 @@ static void trace_packet(const struct lw_transport *t, const struct lw_solve_til
         for (uint32_t lane = 0; lane < LANES; lane++) f->texel[lane] = tile->first + launch->texel[lane];
         f->sample = s;
         f->active = launch->active;
+        f->has_moments = lw_tiles_has_moments(t->tiles, tile);
         f->flags = site->coherent ? LW_TRACE_COHERENT : LW_TRACE_LIGHT;
         lw_sampling_point(seed, sample, launch->set, point);
         lw_ray_launch_start(site, &f->rays);
@@ -403,17 +410,17 @@ static struct lw_vec3 moment_at(const struct lw_transport *t, uint32_t texel, ui
     const struct lw_reflected *reflected = &t->reflected[texel];
     sum = lw_vec3_scale(sum, LW_PI / (float)n);
     if (!(reflected->weight > 0)) return sum;
-    return lw_vec3_mad(sum, lw_ray_direction_unpack(reflected->direction),
+    return lw_vec3_mad(sum, lw_ray_direction_unpack(t->reflected_direction[texel]),
                        reflected->weight * lw_colour_luminance(radiance_at(t, reflected->texel, bounce)));
 }
 
-/* Every order has the same weight: the mean of their sum forgets once, with the first. */
-static void blend_moment(const struct lw_transport *t, uint32_t texel, uint32_t bounce, float weight) {
-    float *const *mean = t->tiles->moment[LW_TILES_INDIRECT];
-    const struct lw_vec3 moment = moment_at(t, texel, bounce);
+/* Blends the estimate of a bounce into the mean of the sum of all bounces. Every order has the same weight: the
+ * mean forgets once, with the first. */
+static void blend_sum(float *const mean[3], uint32_t texel, uint32_t bounce, struct lw_vec3 estimate,
+                      float weight) {
     if (bounce == 1) lw_tiles_blend(mean, texel, lw_vec3(0, 0, 0), weight);
-    if (!lw_vec3_is_finite(moment)) return;
-    lw_tiles_store(mean, texel, lw_vec3_mad(lw_texels_vector(mean, texel), moment, weight));
+    if (!lw_vec3_is_finite(estimate)) return;
+    lw_tiles_store(mean, texel, lw_vec3_mad(lw_texels_vector(mean, texel), estimate, weight));
 }
 
 /* Ends lie anywhere in memory: what a few texels from here will read is sent for. */
@@ -440,10 +447,14 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         LW_INVARIANT_DEAR(!block->due || (block->indirect.weight > 0 && block->indirect.weight <= 1));
         if (!block->due || !t->tiles->covered[texel]) continue;
         const struct lw_vec3 e = lw_bounces_at(t, texel, bounce);
-        lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
+        if (bounce < t->tiles->bounces)
+            lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
+        blend_sum(t->tiles->indirect, texel, bounce, e, block->indirect.weight);
         estimate[texel] =
             lw_packed_light(bounce <= 2 ? e : lw_vec3_add(lw_packed_light_unpack(estimate[texel]), e));
-        if (has_moments) blend_moment(t, texel, bounce, block->indirect.weight);
+        if (has_moments)
+            blend_sum(t->tiles->moment[LW_TILES_INDIRECT], texel, bounce, moment_at(t, texel, bounce),
+                      block->indirect.weight);
     }
 }
 

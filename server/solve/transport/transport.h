@@ -27,9 +27,8 @@
 
 /** What a texel's ray to a reflector has found. */
 struct lw_reflected {
-    uint32_t texel;     /* on it; global numbering */
-    float weight;       /* E = weight * what that texel sends out; 0: there is no such light */
-    uint16_t direction; /* there (lw_ray_direction_pack()) */
+    uint32_t texel; /* on it; global numbering */
+    float weight;   /* E = weight * what that texel sends out; 0: there is no such light */
 };
 
 /** What the transport of a frame reads. */
@@ -43,10 +42,12 @@ struct lw_transport {
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
     uint32_t *ray_hit;       /* indirect_samples words per texel of the global numbering (ray_hit.h) */
-    uint16_t *ray_direction; /* the same, their directions (ray_hit.h); NULL: tiles hold no moments */
+    uint16_t *ray_direction; /* the same, their directions (ray_hit.h); set where a
+                              * tile has moments; NULL: none has */
     uint16_t *ray_gloss;     /* the same, their factors (hit_gloss.h); NULL: light is sent on evenly */
     const struct lw_reflectors *reflectors; /* NULL where no bounce ray is traced or read */
     struct lw_reflected *reflected;         /* one per texel of the global numbering */
+    uint16_t *reflected_direction;          /* the same, as ray_direction */
     uint32_t direct_samples, indirect_samples, seed;
     float tracing_range_m;
     /* The largest error of converged blocks. */
