@@ -9,8 +9,8 @@
 #include <unistd.h>
 
 /* Bytes that light takes, as measured (docs/lab/memory.md), for: */
-#define TEXEL_BYTES 60u   /* a texel: its place, sample points and the like, where most texels are flat */
-#define LAYER_BYTES 120u  /* a texel in each layer: rays, pairs of the filter; not the planes of light */
+#define TEXEL_BYTES 36u   /* a texel: its place, sample points and the like, where most texels are flat */
+#define LAYER_BYTES 110u  /* a texel in each layer: rays, pairs of the filter; not the planes of light */
 #define TILE_BYTES  3000u /* a tile: its blocks and packets, and what sessions remember of it */
 
 uint64_t lw_memory_forecast_texel(const struct lw_solver_desc *desc, uint32_t layers) {

@@ -46,7 +46,7 @@ struct tile_by_tile {
     struct lw_tile_file_tile *buffer; /* a tile that is written, or was read last */
     struct lw_coarse_tiles coarse;    /* one tile, which was read last */
     lw_tile_id coarse_tile;           /* {UINT32_MAX}: none */
-    struct lw_packed_albedo *albedo;  /* of the tile that was read last */
+    struct lw_packed_albedo *albedo;  /* albedo of the tile that was read last */
 };
 
 static uint32_t count_planes(const struct lw_tile_by_tile_desc *how) {

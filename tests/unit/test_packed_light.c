@@ -3,47 +3,56 @@
 #include "common/base/random.h"
 #include "server/solve/state/packed_light.h"
 
-/* 21 bits of a float are 12 of its fraction: half a step is 2^-13 of the power of two below it. */
-#define ROUNDING 0x1p-13f
+#include <math.h>
 
-static void rounding_moves_a_channel_by_less_than_a_bound(void **state) {
-    (void)state;
+/* Light of any size between 2^-40 and 2^40; of either sign, if it has one. */
+static float draw(uint32_t i, uint32_t c, enum lw_packed_light_dropped dropped) {
+    const float light =
+        ldexpf(1 + lw_random_unit(lw_random_hash2(i, c)), (int)(lw_random_hash2(i, 9 + c) % 80) - 40);
+    return dropped == LW_PACKED_LIGHT_SIGNED && lw_random_hash2(i, 17 + c) & 1 ? -light : light;
+}
+
+/* bound: half a step of the bits of the fraction that are left, as a share of the power of two below. */
+static void expect_rounding(enum lw_packed_light_dropped dropped, float bound) {
     float largest = 0;
     double sum = 0;
     for (uint32_t i = 0; i < 100000; i++) {
-        float channel[3];
-        for (uint32_t c = 0; c < 3; c++)
-            channel[c] = ldexpf(1 + lw_random_unit(lw_random_hash2(i, c)),
-                                (int)(lw_random_hash2(i, 9 + c) % 80) - 40) *
-                         (lw_random_hash2(i, 17 + c) & 1 ? 1.0f : -1.0f);
-        const struct lw_vec3 light = lw_vec3(channel[0], channel[1], channel[2]),
-                             read = lw_packed_light_rounded(light);
-        const float off[3] = {(read.x - light.x) / light.x, (read.y - light.y) / light.y,
-                              (read.z - light.z) / light.z};
+        const struct lw_vec3 light = lw_vec3(draw(i, 0, dropped), draw(i, 1, dropped), draw(i, 2, dropped)),
+                             read = lw_packed_light_rounded(light, dropped);
         for (int c = 0; c < 3; c++) {
-            largest = fmaxf(largest, fabsf(off[c]));
-            sum += (double)off[c];
+            const float off = (&read.x)[c] / (&light.x)[c] - 1;
+            largest = fmaxf(largest, fabsf(off));
+            sum += (double)off;
         }
     }
-    assert_true(largest <= ROUNDING);
-    assert_true(largest > 0.9f * ROUNDING);
+    assert_true(largest <= bound);
+    assert_true(largest > 0.9f * bound);
     /* As often up as down: each is uniform within the bound, or less, so that the mean's deviation is at most
      * the bound / sqrt(3 n). Five of them. */
-    assert_true(fabs(sum / 300000) < 5 * (double)ROUNDING / sqrt(3.0 * 300000));
+    assert_true(fabs(sum / 300000) < 5 * (double)bound / sqrt(3.0 * 300000));
+}
+
+static void rounding_moves_a_channel_by_less_than_a_bound(void **state) {
+    (void)state;
+    expect_rounding(LW_PACKED_LIGHT_POSITIVE, 0x1p-14f);
+    expect_rounding(LW_PACKED_LIGHT_SIGNED, 0x1p-13f);
 }
 
 /* Rounding twice is rounding once: verification finds no change where there is none. */
 static void rounded_light_stays(void **state) {
     (void)state;
-    for (uint32_t i = 0; i < 10000; i++) {
-        const struct lw_vec3 light = lw_packed_light_rounded(
-            lw_vec3(lw_random_unit(lw_random_hash2(i, 1)), -1e6f * lw_random_unit(lw_random_hash2(i, 2)),
-                    1e-30f * lw_random_unit(lw_random_hash2(i, 3))));
-        const struct lw_vec3 again = lw_packed_light_rounded(light);
-        assert_memory_equal(&light, &again, sizeof light);
+    for (int dropped = LW_PACKED_LIGHT_POSITIVE; dropped <= LW_PACKED_LIGHT_SIGNED; dropped++) {
+        for (uint32_t i = 0; i < 10000; i++) {
+            const struct lw_vec3 light = lw_packed_light_rounded(
+                lw_vec3(draw(i, 0, dropped), draw(i, 1, dropped), 1e-30f * draw(i, 2, dropped)), dropped);
+            const struct lw_vec3 again = lw_packed_light_rounded(light, dropped);
+            assert_memory_equal(&light, &again, sizeof light);
+        }
+        const struct lw_vec3 none = lw_packed_light_unpack(0, dropped);
+        assert_true(none.x == 0 && none.y == 0 && none.z == 0);
     }
-    const struct lw_vec3 none = lw_packed_light_unpack(0);
-    assert_true(none.x == 0 && none.y == 0 && none.z == 0);
+    const struct lw_vec3 less = lw_packed_light_rounded(lw_vec3(-1, 2, -3), LW_PACKED_LIGHT_POSITIVE);
+    assert_true(less.x == 0 && less.y == 2 && less.z == 0);
 }
 
 int main(void) {

@@ -3,9 +3,9 @@
 #include "common/base/random.h"
 #include "server/solve/surface/packed_normal.h"
 
-/* Rounding moves both coordinates by half a step, 1 / STEPS, and z by as much as both together: on the octahedron
- * by sqrt(6) / STEPS. Its middle faces lie at 1 / sqrt(3) from the centre, so that a direction turns by sqrt(3)
- * times as much. */
+/* Rounding moves both coordinates by half a step, 1 / STEPS, and z by as much as both together: on the
+ * octahedron by sqrt(6) / STEPS. The middles of its faces lie at 1 / sqrt(3) from the centre, so that a
+ * direction turns by sqrt(3) times as much. */
 static const float most = 1.7320508f * 2.4494897f / LW_PACKED_NORMAL_STEPS;
 
 static float turned(struct lw_vec3 normal) {

@@ -110,8 +110,10 @@ static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uin
     for (int c = 0; c < 3; c++)
         more[c] = add_channel(tiles, texel, c, (&estimate.x)[c], (&off.x)[c], (&drawn.x)[c],
                               (&off_drawn.x)[c], &served[c]);
-    tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] = lw_packed_light(lw_vec3_add(estimate, off));
-    if (tiles->drawn[0]) tiles->drawn_estimate[texel] = lw_packed_light(lw_vec3_add(drawn, off_drawn));
+    tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] =
+        lw_packed_light(lw_vec3_add(estimate, off), LW_PACKED_LIGHT_SIGNED);
+    if (tiles->drawn[0])
+        tiles->drawn_estimate[texel] = lw_packed_light(lw_vec3_add(drawn, off_drawn), LW_PACKED_LIGHT_SIGNED);
     const float brighter = luminance(more[0], more[1], more[2]);
     tiles->mean[texel] += brighter;
     block->luminance += (double)brighter;
@@ -419,8 +421,9 @@ static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, c
     for (uint32_t i = 0; estimates && i < texels->count; i++)
         for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
             uint64_t *estimate = &tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][texels->texel[i]];
-            *estimate = lw_packed_light(
-                lw_vec3_add(lw_packed_light_unpack(*estimate), shift->of[order][texels->region[i]]));
+            *estimate = lw_packed_light(lw_vec3_add(lw_packed_light_unpack(*estimate, LW_PACKED_LIGHT_SIGNED),
+                                                    shift->of[order][texels->region[i]]),
+                                        LW_PACKED_LIGHT_SIGNED);
         }
     for (uint32_t i = 0; tiles->moment[LW_TILES_INDIRECT][0] && i < texels->count; i++)
         lw_tiles_scale_moment(tiles->moment[LW_TILES_INDIRECT], texels->texel[i], then[i],

@@ -17,7 +17,7 @@
 /* By how much an estimate differs from the packed one of before: not at all if the light is the same. An
  * estimate beyond float's range is in no mean (lw_tiles_blend()), and tells nothing. */
 static struct lw_vec3 difference(struct lw_vec3 now, struct lw_vec3 then) {
-    const struct lw_vec3 off = lw_vec3_sub(lw_packed_light_rounded(now), then);
+    const struct lw_vec3 off = lw_vec3_sub(lw_packed_light_rounded(now, LW_PACKED_LIGHT_SIGNED), then);
     return lw_vec3_is_finite(off) ? off : lw_vec3(0, 0, 0);
 }
 
@@ -27,7 +27,7 @@ static struct lw_vec3 gather_order(const struct lw_transport *t, uint32_t texel,
     struct lw_vec3 e = {0};
     for (uint32_t bounce = order == LW_CHANGE_FIRST ? 1 : 2; bounce <= last && bounce <= t->tiles->bounces;
          bounce++)
-        e = lw_packed_light_rounded(lw_vec3_add(e, lw_bounces_at(t, texel, bounce)));
+        e = lw_packed_light_rounded(lw_vec3_add(e, lw_bounces_at(t, texel, bounce)), LW_PACKED_LIGHT_SIGNED);
     return e;
 }
 
@@ -200,7 +200,7 @@ void lw_verify_restore_estimates(const struct lw_transport *t, const struct lw_s
                 lw_direct_light_keep(t, texel, &direct, lane);
                 for (int order = 0; order < LW_CHANGE_ORDERS; order++)
                     t->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][texel] =
-                        lw_packed_light(gather_order(t, texel, order));
+                        lw_packed_light(gather_order(t, texel, order), LW_PACKED_LIGHT_SIGNED);
             }
         }
     }

@@ -19,9 +19,9 @@
  * No pair exchanges across a wall (texels.h).
  *
  * The part that is geometry is found once per mesh, that of walls once per object. The pairs of a mesh that
- * one object has are kept once, and weighed again when its walls change. Pairs serve any number of solves over
- * the same texels. A tile of a finer level is filtered by itself. A block's shown light is a function of its
- * sums and of the sums LW_DENOISE_REACH around it. So a frame filters the blocks that it shows and those
+ * one object has are kept once, and weighed again when its walls change. Pairs serve any number of solves
+ * over the same texels. A tile of a finer level is filtered by itself. A block's shown light is a function of
+ * its sums and of the sums LW_DENOISE_REACH around it. So a frame filters the blocks that it shows and those
  * beside them. The picture does not depend on the frames in which the sums came about. */
 #ifndef LW_FILTER_DENOISE_H
 #define LW_FILTER_DENOISE_H

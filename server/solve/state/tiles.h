@@ -259,17 +259,17 @@ static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel,
 
 /** E of the last frame that solved the texel, alone. which: LW_TILES_ESTIMATE_* */
 static inline struct lw_vec3 lw_tiles_estimate(const struct lw_tiles *tiles, int which, uint32_t texel) {
-    return lw_packed_light_unpack(tiles->estimate[which][texel]);
+    return lw_packed_light_unpack(tiles->estimate[which][texel], LW_PACKED_LIGHT_SIGNED);
 }
 /** Its part that client lights give, if tiles->drawn is there. */
 static inline struct lw_vec3 lw_tiles_drawn_estimate(const struct lw_tiles *tiles, uint32_t texel) {
-    return lw_packed_light_unpack(tiles->drawn_estimate[texel]);
+    return lw_packed_light_unpack(tiles->drawn_estimate[texel], LW_PACKED_LIGHT_SIGNED);
 }
 
 /** What a texel sends out of a bounce order, W/(m^2 sr). */
 static inline struct lw_vec3 lw_tiles_radiance(const struct lw_tiles *tiles, uint32_t bounce,
                                                uint32_t texel) {
-    return lw_packed_light_unpack(tiles->radiance[bounce][texel]);
+    return lw_packed_light_unpack(tiles->radiance[bounce][texel], LW_PACKED_LIGHT_POSITIVE);
 }
 
 /** Blends an estimate into a mean. Skips an estimate that is not finite: the mean would never recover. */

@@ -172,7 +172,7 @@ bool lw_sample_points_pack(struct lw_sample_points *points, uint32_t texel,
                  first >= points->packed_count);
     if (!find_plane(points, from, reach, &plane, &offset)) return false;
     LW_INVARIANT_DEAR(lift >= 0 && reach >= 0);
-    /* Of an offset each axis is rounded by half a step of reach / 32767: together by less than one. */
+    /* Packing rounds each axis of an offset by half a step of reach / 32767: together by less than one. */
     lift += offset < INFINITY ? offset : reach / 32767;
     points->reach[texel] = packed_reach;
     points->lift[texel] = lw_packed_length(lift);

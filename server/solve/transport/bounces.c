@@ -53,7 +53,7 @@ struct flight {
     uint32_t texel[LANES], hit[LANES];
     uint32_t sample; /* number within the frame */
     uint16_t active;
-    bool has_moments; /* of its texels: they read directions */
+    bool has_moments; /* its texels read directions */
     unsigned flags;
 };
 #define FLIGHTS 3u /* traced; ended; about to be noted */
@@ -414,8 +414,8 @@ static struct lw_vec3 moment_at(const struct lw_transport *t, uint32_t texel, ui
                        reflected->weight * lw_colour_luminance(radiance_at(t, reflected->texel, bounce)));
 }
 
-/* Blends the estimate of a bounce into the mean of the sum of all bounces. Every order has the same weight: the
- * mean forgets once, with the first. */
+/* Blends the estimate of a bounce into the mean of the sum of all bounces. Every order has the same weight:
+ * the mean forgets once, with the first. */
 static void blend_sum(float *const mean[3], uint32_t texel, uint32_t bounce, struct lw_vec3 estimate,
                       float weight) {
     if (bounce == 1) lw_tiles_blend(mean, texel, lw_vec3(0, 0, 0), weight);
@@ -450,8 +450,9 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         if (bounce < t->tiles->bounces)
             lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
         blend_sum(t->tiles->indirect, texel, bounce, e, block->indirect.weight);
-        estimate[texel] =
-            lw_packed_light(bounce <= 2 ? e : lw_vec3_add(lw_packed_light_unpack(estimate[texel]), e));
+        estimate[texel] = lw_packed_light(
+            bounce <= 2 ? e : lw_vec3_add(lw_packed_light_unpack(estimate[texel], LW_PACKED_LIGHT_SIGNED), e),
+            LW_PACKED_LIGHT_SIGNED);
         if (has_moments)
             blend_sum(t->tiles->moment[LW_TILES_INDIRECT], texel, bounce, moment_at(t, texel, bounce),
                       block->indirect.weight);
@@ -578,7 +579,7 @@ static void radiate_block(const struct lw_transport *t, const struct lw_solve_ti
             now = lw_vec3_mad(now, sending->spread, lw_colour_luminance(now));
         }
         LW_INVARIANT_DEAR(!t->tiles->covered[texel] || lw_vec3_is_finite(now));
-        t->tiles->radiance[bounce][texel] = lw_packed_light(now);
+        t->tiles->radiance[bounce][texel] = lw_packed_light(now, LW_PACKED_LIGHT_POSITIVE);
         now = lw_tiles_radiance(t->tiles, bounce, texel);
         if (t->tiles->covered[texel]) {
             const uint32_t region = t->tiles->region_of_texel[texel];

@@ -332,8 +332,8 @@ void lw_probes_project(struct lw_probes *probes, uint32_t bounce, const uint64_t
         memset(sum, 0, form->sum_floats * sizeof *sum);
         for (uint32_t r = 0; r < LW_PROBES_RAYS; r++) {
             const struct lw_probe_ray *ray = &probes->ray[p * LW_PROBES_RAYS + r];
-            const struct lw_vec3 l =
-                lw_packed_light_unpack(ray->hit == LW_RAY_HIT_NOTHING ? 0 : radiance[ray->hit]);
+            const struct lw_vec3 l = lw_packed_light_unpack(
+                ray->hit == LW_RAY_HIT_NOTHING ? 0 : radiance[ray->hit], LW_PACKED_LIGHT_POSITIVE);
             form->add(sum, ray->direction, (const float[3]){l.x, l.y, l.z});
         }
         const size_t view = (size_t)bounce * probes->count + p;

@@ -41,10 +41,10 @@ struct lw_transport {
     const struct lw_texels *texels;
     const struct lw_probes *probes; /* NULL: the tracing range is infinite */
     struct lw_tiles *tiles;
-    uint32_t *ray_hit;       /* indirect_samples words per texel of the global numbering (ray_hit.h) */
-    uint16_t *ray_direction; /* the same, their directions (ray_hit.h); set where a
-                              * tile has moments; NULL: none has */
-    uint16_t *ray_gloss;     /* the same, their factors (hit_gloss.h); NULL: light is sent on evenly */
+    uint32_t *ray_hit; /* indirect_samples words per texel of the global numbering (ray_hit.h) */
+    /* The same, their directions (ray_hit.h). Tiles without moments have none. NULL: no tile has any. */
+    uint16_t *ray_direction;
+    uint16_t *ray_gloss; /* the same, their factors (hit_gloss.h); NULL: light is sent on evenly */
     const struct lw_reflectors *reflectors; /* NULL where no bounce ray is traced or read */
     struct lw_reflected *reflected;         /* one per texel of the global numbering */
     uint16_t *reflected_direction;          /* the same, as ray_direction */
