@@ -32,6 +32,10 @@
 /* The mean of a tile in units of its scale, about. Values below one scale are coded by their difference, not
  * by their ratio. */
 #define MEAN_IN_SCALES 32.0f
+/* A quarter of a tile's blocks may be dark. The scale is at most this multiple of their light, but no less
+ * than DARK_PART_LEAST of what it would be otherwise. */
+#define DARK_PART_SCALES 4.0f
+#define DARK_PART_LEAST  (1 / 16.0f)
 
 /* Coefficients are rounded down from a bit over the half: zeros are cheap, and the lost part is mostly
  * noise. More than this costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the
@@ -545,11 +549,14 @@ bool lw_tile_dct_decode(struct lw_tile_dct *dct, const struct lw_tile_channel *c
 
 /* ---- encoding ---- */
 
-/* The power of two over a share of the mean, or over dark; 1 for a black tile. */
-static float choose_scale(double mean, float dark) {
+/* The power of two over what the scale is to be; 1 for a black tile. The scale is a share of the mean, but no
+ * smaller than dark. It is the mean of a tile that is darker, and smaller for a dark part. */
+static float choose_scale(float mean, float dark_part, float dark) {
     if (!(mean > 0)) return 1;
     int exponent;
-    frexpf(fmaxf((float)mean / MEAN_IN_SCALES, dark), &exponent);
+    const float whole = fminf(fmaxf(mean / MEAN_IN_SCALES, dark), mean);
+    const float part = fmaxf(fminf(whole, dark_part * DARK_PART_SCALES), whole * DARK_PART_LEAST);
+    frexpf(fmaxf(part, dark * LW_TILE_DCT_BLACK), &exponent);
     return clamp(ldexpf(1, exponent), SCALE_MIN, SCALE_MAX);
 }
 
@@ -750,6 +757,35 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, uint32_t planes, const 
     return !any;
 }
 
+/* The mean of all light in a block's texels with surface; 0: it has none. */
+LW_WIDE static float find_block_mean(const struct lw_tile_dct *dct, uint32_t bx, uint32_t y0, uint32_t y1) {
+    row8 light = {0}, weight = {0};
+    for (uint32_t y = y0; y < y1; y++) {
+        const uint32_t at = y * STRIDE + bx * SIDE;
+        const row8 covered = load(dct->weight + at);
+        weight += covered;
+        for (uint32_t c = 0; c < 3; c++) light += covered * load(dct->light[c] + at);
+    }
+    const float count = add_up(weight);
+    return count > 0 ? add_up(light) / (3 * count) : 0;
+}
+
+/* The mean of the block that a quarter of the tile's blocks are darker than; blocks that are black do not
+ * count. INFINITY: all are. */
+static float find_dark_part(const struct lw_tile_dct *dct, uint32_t width, uint32_t height) {
+    float mean[GRID * GRID]; /* in the order of size */
+    uint32_t count = 0;
+    for (uint32_t y = 0; y < height; y += SIDE)
+        for (uint32_t bx = 0; bx < blocks(width); bx++) {
+            const float own = find_block_mean(dct, bx, y, y + SIDE < height ? y + SIDE : height);
+            if (!(own > 0)) continue;
+            uint32_t at = count++;
+            for (; at > 0 && mean[at - 1] > own; at--) mean[at] = mean[at - 1];
+            mean[at] = own;
+        }
+    return count ? mean[(count - 1) / 4] : INFINITY;
+}
+
 /* A mean of logarithms is under the logarithm of the mean, so noise has become darker. One factor
  * per channel makes up for it. False if no gain does, and the mean is off by more than black. */
 static bool choose_gain(double was, double is, double black, uint8_t *out_gain) {
@@ -847,7 +883,8 @@ void lw_tile_dct_encode(struct lw_tile_dct *dct, const struct lw_tile_dct_source
     } else {
         count = take_light(dct, source->rgb, source->covered, width, height, &out_coded->saturated);
         for (int c = 0; c < 3; c++) sum[c] = sum_of(dct, dct->light[c], height);
-        out_coded->scale = choose_scale((sum[0] + sum[1] + sum[2]) / (3.0 * count), source->dark);
+        out_coded->scale = choose_scale((float)((sum[0] + sum[1] + sum[2]) / (3.0 * count)),
+                                        find_dark_part(dct, width, height), source->dark);
     }
     LW_INVARIANT(count <= width * height && out_coded->scale >= SCALE_MIN && out_coded->scale <= SCALE_MAX);
     LW_INVARIANT(sum[0] >= 0 && sum[1] >= 0 && sum[2] >= 0 && isfinite(sum[0] + sum[1] + sum[2]));

@@ -67,6 +67,9 @@ struct lw_tile_dct_history {
 size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height);
 size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height);
 
+/** Light under this share of `dark` is black at any exposure. */
+#define LW_TILE_DCT_BLACK 0x1p-12f
+
 /** Texels to be encoded, and options.
  * rgb        width * height, at most LW_TILE_SIDE each, of a float per plane
  * covered    per texel, 0: the decoded value may be anything; NULL: every texel counts
@@ -75,9 +78,10 @@ size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t 
  *            All three together make R, G and B differ by 0.3 to 0.5 of it, root mean square. Taken down to
  *            a power of 2^(1/8) within the range above, further where the mean asks for it; with a history,
  *            up or down to its step where that is near
- * dark       W/m^2: light this dark looks black beside the scene's white. The scale is no smaller, so what
- *            is darker is coded by its difference and not by its ratio; 0: the tile's own mean alone sets
- *            the scale
+ * dark       W/m^2: light this dark looks black beside the scene's white. A brighter tile has no smaller
+ *            scale, unless a quarter of it is dark: darker light is coded by its difference, not by its
+ *            ratio. A darker tile has its mean as scale, or LW_TILE_DCT_BLACK of `dark`; 0: the tile's own
+ *            light alone sets the scale
  * channel    of which planes, coding and sign are read; NULL: three planes of light. Plain values are coded
  *            by their difference: a step is of a power of two over the largest one; `dark` means nothing */
 struct lw_tile_dct_source {

@@ -34,9 +34,9 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
 }
 
 /* White is the E that 99 % of the values of coarse texels are below. Light below LW_PUBLISHER_DARK_SHARE of
- * white looks black beside it: the lossy codec keeps its difference, not its ratio. The share is a fifth of
- * the hundredth that coding losses are measured against. White is of all light in every channel of light,
- * since clients add client-drawn light to a tile's light. */
+ * white looks black beside it: in a brighter tile the lossy codec keeps its difference, not its ratio (`dark`
+ * of tile_dct.h). The share is a fifth of the hundredth that coding losses are measured against. White is of
+ * all light in every channel of light, since clients add client-drawn light to a tile's light. */
 #define LW_PUBLISHER_WHITE_QUANTILE 0.99
 #define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
 

@@ -377,19 +377,45 @@ static void test_sums_have_a_limit(void **state) {
     }
 }
 
-/* Light that is dark beside the scene's white costs little, and errs by little beside it. */
-static void test_dark_is_coded_by_difference(void **state) {
+/* There and back, with steps of 0.1. */
+static struct lw_tile_dct_coded code_beside(float dark) {
+    struct lw_tile_dct_coded coded;
+    lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, 0.1f, dark, NULL}, NULL, payload,
+                       NULL, &coded);
+    assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded.size, coded.scale, 64, 64,
+                                   NULL, back));
+    return coded;
+}
+
+/* Light that is black beside the scene's white costs little, and errs by little beside it. */
+static void test_black_is_coded_by_difference(void **state) {
     (void)state;
-    struct lw_tile_dct_coded coded[2];
     make_light(64, 64, 0.9f, 1);
-    for (int i = 0; i < 2; i++)
-        lw_tile_dct_encode(&dct, &(struct lw_tile_dct_source){rgb, NULL, 64, 64, 0.1f, i ? 100 : 0, NULL},
-                           NULL, payload, NULL, &coded[i]);
-    assert_true(coded[1].size < coded[0].size / 4 && coded[1].scale >= 100);
-    assert_true(lw_tile_dct_decode(&dct, NULL, LW_TILE_DCT_INTRA, payload, coded[1].size, coded[1].scale, 64,
-                                   64, NULL, back));
-    assert_true(log_error(LW_TILE_TEXELS_MAX, coded[1].scale) < 0.1);
+    const struct lw_tile_dct_coded alone = code_beside(0), black = code_beside(100 / LW_TILE_DCT_BLACK);
+    assert_true(black.size < alone.size / 4 && black.scale >= 100);
+    assert_true(log_error(LW_TILE_TEXELS_MAX, black.scale) < 0.1);
     expect_means(LW_TILE_TEXELS_MAX);
+}
+
+/* The largest error of a value, over the value. */
+static double largest_ratio(void) {
+    double off = 0;
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
+        off = fmax(off, fabs((double)(back[i] / rgb[i]) - 1));
+    return off;
+}
+
+/* A room beside a yard in the sun keeps its colours, in tiles of its own and in shared ones. */
+static void test_dark_has_its_colours(void **state) {
+    (void)state;
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
+        rgb[i] = 0.01f * (1 + 0.01f * (float)(i / 192)) * (1 + 0.1f * (float)(i % 3));
+    assert_true(code_beside(1).scale < 0.04f);
+    assert_true(largest_ratio() < 0.15);
+    for (uint32_t i = 0; i < LW_TILE_TEXELS_MAX * 3; i++)
+        if (i / 3 % 64 >= 32) rgb[i] *= 1000; /* the other half, in the sun */
+    code_beside(1);
+    assert_true(largest_ratio() < 0.4);
 }
 
 int main(void) {
@@ -400,7 +426,8 @@ int main(void) {
         cmocka_unit_test(test_sum_of_a_payload_and_its_deltas),
         cmocka_unit_test(test_sum_past_16_bits),
         cmocka_unit_test(test_sums_have_a_limit),
-        cmocka_unit_test(test_dark_is_coded_by_difference),
+        cmocka_unit_test(test_black_is_coded_by_difference),
+        cmocka_unit_test(test_dark_has_its_colours),
         cmocka_unit_test(test_error_follows_the_step),
         cmocka_unit_test(test_mean_is_kept),
         cmocka_unit_test(test_noise_under_the_step_costs_little),
