@@ -706,7 +706,7 @@ static void killed_tile_by_tile_it_goes_on(void **state) {
     char whole[256], parts[256], arguments[512];
     snprintf(whole, sizeof whole, "%s", lw_support_temporary("whole-tiles"));
     snprintf(parts, sizeof parts, "%s", lw_support_temporary("part-tiles"));
-    snprintf(arguments, sizeof arguments, LARGE " --memory 150 --denoise --checkpoint 0.1 -o %s", parts);
+    snprintf(arguments, sizeof arguments, LARGE " --memory 100 --denoise --checkpoint 0.1 -o %s", parts);
     lw_process_start(&process, "lightwell-bake", arguments);
     lw_process_await_text(&process, "now tile by tile");
     struct stat st = {.st_size = 0};
@@ -714,7 +714,7 @@ static void killed_tile_by_tile_it_goes_on(void **state) {
     assert_int_equal(lw_process_stop(&process, SIGKILL, LIMIT_S), -SIGKILL);
     assert_int_equal(bake("%s", arguments), 0);
     assert_true(lw_process_said(&process, "going on after"));
-    assert_int_equal(bake(LARGE " --memory 150 --denoise -o %s", whole), 0);
+    assert_int_equal(bake(LARGE " --memory 100 --denoise -o %s", whole), 0);
     for (size_t i = 0; i < sizeof cornell_maps / sizeof *cornell_maps; i++) { /* but for rounding */
         double mean, square;
         compare_maps(cornell_maps[i], parts, whole, &mean, &square);
