@@ -738,7 +738,9 @@ static void take_message(struct lw_nats_publisher *p, natsMsg *message) {
 
 /* ---- the thread ---- */
 
-static void set_connected(struct lw_nats_publisher *p, bool is_connected) {
+/* Asks the link: an event may be older than the next cut. */
+static void note_connection(struct lw_nats_publisher *p) {
+    const bool is_connected = lw_nats_link_is_connected(p->link);
     pthread_mutex_lock(&p->mutex);
     p->stats.is_connected = is_connected;
     pthread_mutex_unlock(&p->mutex);
@@ -765,11 +767,11 @@ static void take_events(struct lw_nats_publisher *p) {
         case LW_NATS_LINK_GONE:
             lw_log(LW_LOG_WARNING, "%s is gone: its relays get no light; sessions are served on",
                    p->address.name);
-            set_connected(p, false);
+            note_connection(p);
             break;
         case LW_NATS_LINK_BACK:
             lw_log(LW_LOG_INFO, "%s is there again", p->address.name);
-            set_connected(p, true);
+            note_connection(p);
             come_back(p);
             break;
         case LW_NATS_LINK_DROPPED: /* wants and requests: relays repeat them */
