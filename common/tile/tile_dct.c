@@ -32,8 +32,8 @@
 /* The mean of a tile in units of its scale, about. Values below one scale are coded by their difference, not
  * by their ratio. */
 #define MEAN_IN_SCALES 32.0f
-/* A quarter of a tile's blocks may be dark. The scale is at most this multiple of their light, but no less
- * than DARK_PART_LEAST of what it would be otherwise. */
+/* A quarter of a tile's blocks may be dark. The scale is at most this multiple of their light. It is at
+ * least DARK_PART_LEAST of the scale for the whole tile. */
 #define DARK_PART_SCALES 4.0f
 #define DARK_PART_LEAST  (1 / 16.0f)
 
@@ -652,6 +652,19 @@ LW_WIDE static double sum_of(const struct lw_tile_dct *dct, const float *plane, 
     return sum;
 }
 
+/* Sets *mean to that of a block's covered texels; false, and nothing: it has none. */
+LW_WIDE_INLINE bool find_block_mean(const struct lw_tile_dct *dct, const float *plane, struct span s,
+                                    float *mean) {
+    row8 sum = {0}, weights = {0};
+    for (uint32_t at = s.at; at < s.at + s.height * STRIDE; at += STRIDE) {
+        sum += load(plane + at) * load(dct->weight + at);
+        weights += load(dct->weight + at);
+    }
+    const float count = add_up(weights);
+    if (count > 0) *mean = add_up(sum) / count;
+    return count > 0;
+}
+
 /* No client reads uncovered texels, so they take the value of least cost: the mean of the block's covered
  * texels, or of the last earlier block that has any. */
 LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, uint32_t width,
@@ -662,13 +675,7 @@ LW_WIDE static void fill_uncovered(const struct lw_tile_dct *dct, float *plane, 
             const struct span s = span_of(bx, by, width, height);
             const float *weight = dct->weight + s.at;
             float *block = plane + s.at;
-            row8 sum = {0}, weights = {0};
-            for (uint32_t y = 0; y < s.height; y++) {
-                sum += load(block + y * STRIDE) * load(weight + y * STRIDE);
-                weights += load(weight + y * STRIDE);
-            }
-            const float count = add_up(weights);
-            if (count > 0) mean = add_up(sum) / count;
+            (void)find_block_mean(dct, plane, s, &mean);
             for (uint32_t y = 0; y < s.height; y++)
                 store(block + y * STRIDE,
                       choose(load(weight + y * STRIDE) > 0, load(block + y * STRIDE), every(mean)));
@@ -757,33 +764,23 @@ LW_WIDE static bool find_change(struct lw_tile_dct *dct, uint32_t planes, const 
     return !any;
 }
 
-/* The mean of all light in a block's texels with surface; 0: it has none. */
-LW_WIDE static float find_block_mean(const struct lw_tile_dct *dct, uint32_t bx, uint32_t y0, uint32_t y1) {
-    row8 light = {0}, weight = {0};
-    for (uint32_t y = y0; y < y1; y++) {
-        const uint32_t at = y * STRIDE + bx * SIDE;
-        const row8 covered = load(dct->weight + at);
-        weight += covered;
-        for (uint32_t c = 0; c < 3; c++) light += covered * load(dct->light[c] + at);
-    }
-    const float count = add_up(weight);
-    return count > 0 ? add_up(light) / (3 * count) : 0;
-}
-
-/* The mean of the block that a quarter of the tile's blocks are darker than; blocks that are black do not
- * count. INFINITY: all are. */
-static float find_dark_part(const struct lw_tile_dct *dct, uint32_t width, uint32_t height) {
-    float mean[GRID * GRID]; /* in the order of size */
+/* The light of the block that a quarter of the tile's blocks are darker than. Black blocks do not count.
+ * INFINITY: all are black. */
+LW_WIDE static float find_dark_part(const struct lw_tile_dct *dct, uint32_t width, uint32_t height) {
+    float light[GRID * GRID]; /* in the order of size */
     uint32_t count = 0;
-    for (uint32_t y = 0; y < height; y += SIDE)
+    for (uint32_t by = 0; by < blocks(height); by++)
         for (uint32_t bx = 0; bx < blocks(width); bx++) {
-            const float own = find_block_mean(dct, bx, y, y + SIDE < height ? y + SIDE : height);
+            float mean[3] = {0};
+            for (uint32_t c = 0; c < 3; c++)
+                (void)find_block_mean(dct, dct->light[c], span_of(bx, by, width, height), &mean[c]);
+            const float own = (mean[0] + mean[1] + mean[2]) / 3;
             if (!(own > 0)) continue;
             uint32_t at = count++;
-            for (; at > 0 && mean[at - 1] > own; at--) mean[at] = mean[at - 1];
-            mean[at] = own;
+            for (; at > 0 && light[at - 1] > own; at--) light[at] = light[at - 1];
+            light[at] = own;
         }
-    return count ? mean[(count - 1) / 4] : INFINITY;
+    return count ? light[(count - 1) / 4] : INFINITY;
 }
 
 /* A mean of logarithms is under the logarithm of the mean, so noise has become darker. One factor

@@ -31,8 +31,7 @@ double lw_map_half_loss(const float *value, size_t count) {
 
 /* ---- from the solver's tiles ---- */
 
-/* Contents of a map: the light of a channel by a convention; without one, a plain channel, or plain normals.
- * */
+/* Contents of a map: light of a channel by a convention, or without one a plain channel, or normals. */
 struct content {
     uint32_t channel;
     const struct lw_convention *convention;

@@ -146,15 +146,13 @@ static void blend(struct lw_patch_solver *s) {
             if (!tiles->covered[texel]) continue;
             const struct lw_vec3 direct = lw_texels_vector(s->frame_direct, texel),
                                  bounces = lw_texels_vector(s->frame_bounces, texel);
-            tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] =
-                lw_packed_light(direct, LW_PACKED_LIGHT_SIGNED);
-            tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST][texel] =
-                lw_packed_light(bounces, LW_PACKED_LIGHT_SIGNED);
+            lw_tiles_keep_estimate(tiles, LW_TILES_ESTIMATE_DIRECT, texel, direct);
+            lw_tiles_keep_estimate(tiles, LW_TILES_ESTIMATE_BOUNCES + LW_CHANGE_FIRST, texel, bounces);
             lw_tiles_blend(tiles->direct, texel, direct, weight);
             lw_tiles_blend(tiles->indirect, texel, bounces, weight);
             if (!parts_drawn(s)) continue;
             const struct lw_vec3 drawn = lw_texels_vector(s->frame_drawn, texel);
-            tiles->drawn_estimate[texel] = lw_packed_light(drawn, LW_PACKED_LIGHT_SIGNED);
+            lw_tiles_keep_drawn_estimate(tiles, texel, drawn);
             lw_tiles_blend(tiles->drawn, texel, drawn, weight);
         }
         LW_TILES_EACH_BLOCK (tile, block) {

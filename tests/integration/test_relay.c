@@ -57,7 +57,7 @@ static void clients_of_relays_get_the_same(void **state) {
 }
 
 /* Both channels of irradiance, at one relay. */
-static void forms_of_light_come_apart(void **state) {
+static void channels_come_apart(void **state) {
     (void)state;
     char upstream[64];
     lw_process_serve(&server, LW_RELAYS_CORNELL);
@@ -482,7 +482,7 @@ static void the_tree_is_shown(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_teardown(clients_of_relays_get_the_same, end_all),
-        cmocka_unit_test_teardown(forms_of_light_come_apart, end_all),
+        cmocka_unit_test_teardown(channels_come_apart, end_all),
         cmocka_unit_test_teardown(directions_come_through, end_all),
         cmocka_unit_test_teardown(a_link_that_breaks_costs_no_session, end_all),
         cmocka_unit_test_teardown(a_client_goes_from_one_to_another, end_all),

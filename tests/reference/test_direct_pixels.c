@@ -218,7 +218,7 @@ static void test_lamps(void **state) {
     tear_down(&w);
 }
 
-/* One large lamp lights what is close to it, also where only its edge rises above a face. Blocks are within
+/* One large lamp lights surfaces close to it, even a face that only its edge rises above. Blocks are within
  * 1 %, but those with edges of penumbras, which are a few of these coarse pixels wide. */
 static void test_a_panel(void **state) {
     (void)state;

@@ -191,9 +191,8 @@ bool serving_get_bytes(int s, uint8_t *dst, size_t size) {
     return true;
 }
 
-/* Whether it is in the channel that peers ask for. What each WELCOME then has beside the rest is taken out.
- * */
-static void check_form(struct lw_message *m) {
+/* Whether it is in the channel that peers ask for. What WELCOME then has beside the rest is taken out. */
+static void check_channel(struct lw_message *m) {
     const bool draws = serving_channel == LW_TILE_CHANNEL_SPLIT;
     if (m->type == LW_MESSAGE_TILE) assert_int_equal(m->tile.layer, serving_channel);
     if (m->type != LW_MESSAGE_WELCOME) return;
@@ -213,7 +212,7 @@ bool serving_get(int s, struct lw_message *out) {
     lw_support_ok(lw_framing_read_header(bytes, LW_FRAMING_BODY_MAX, &header, &err), &err);
     if (!serving_get_bytes(s, body, header.body_size)) return false;
     lw_support_ok(lw_message_decode(header, body, out, &err), &err);
-    check_form(out);
+    check_channel(out);
     return true;
 }
 

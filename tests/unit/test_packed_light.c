@@ -27,8 +27,8 @@ static void expect_rounding(enum lw_packed_light_dropped dropped, float bound) {
     }
     assert_true(largest <= bound);
     assert_true(largest > 0.9f * bound);
-    /* As often up as down: each is uniform within the bound, or less, so that the mean's deviation is at most
-     * the bound / sqrt(3 n). Five of them. */
+    /* Rounding goes up as often as down. Each error is uniform within the bound, or less, so that the mean's
+     * deviation is at most the bound / sqrt(3 n). Five of them. */
     assert_true(fabs(sum / 300000) < 5 * (double)bound / sqrt(3.0 * 300000));
 }
 

@@ -8,8 +8,8 @@
 /* Forms of light, beside each other. */
 
 /* Both channels, or one, of all tiles. */
-static struct lw_snapshot *make_forms(const struct serving *f, uint64_t frame, uint64_t previous,
-                                      uint32_t channels) {
+static struct lw_snapshot *make_channels(const struct serving *f, uint64_t frame, uint64_t previous,
+                                         uint32_t channels) {
     struct lw_snapshot *of[LW_TILE_CHANNEL_IRRADIANCES] = {0}, *snapshot = NULL;
     const uint32_t before = serving_channel;
     for (unsigned i = 0; i < LW_TILE_CHANNEL_IRRADIANCES; i++) {
@@ -41,14 +41,13 @@ static void wait_for_channels(const struct serving *f, uint32_t channels) {
     LW_SUPPORT_WAIT_UNTIL(lw_server_channels_taken(f->server) == channels);
 }
 
-/* Each gets its own channel, whatever others get; a client of a channel that nobody has taken waits for it.
- * */
+/* Each client gets its own channel. The first client of a channel waits for it. */
 static void test_channels_beside_each_other(void **state) {
     (void)state;
     enum { FULL = 1u << LW_TILE_CHANNEL_FULL, SPLIT = 1u << LW_TILE_CHANNEL_SPLIT };
     struct serving *f = serving_start(&(struct lw_server_desc){0});
     assert_int_equal(lw_server_channels_taken(f->server), 0);
-    serving_publish(f, make_forms(f, 1, 0, FULL));
+    serving_publish(f, make_channels(f, 1, 0, FULL));
     int full = dial_in(f, LW_TILE_CHANNEL_FULL);
     expect_light_in(f, full, LW_TILE_CHANNEL_FULL, 1);
     assert_int_equal(lw_server_channels_taken(f->server), FULL);
@@ -57,19 +56,19 @@ static void test_channels_beside_each_other(void **state) {
     assert_int_equal(serving_stats_of(f).sessions_now, 2);
     assert_int_equal(serving_stats_of(f).sessions_drawing, 1);
     serving_expect_silence(split);
-    serving_publish(f, make_forms(f, 2, 1, FULL | SPLIT));
+    serving_publish(f, make_channels(f, 2, 1, FULL | SPLIT));
     expect_light_in(f, split, LW_TILE_CHANNEL_SPLIT, 2);
     serving_channel = LW_TILE_CHANNEL_FULL;
     serving_expect_frame(full, 2, 2); /* as a difference: it had all of the one before */
     serving_expect_tiles(full, f->map.tile_count, 2);
-    /* one channel is left out: its sessions keep what they have, and a newcomer gets nothing of old */
-    serving_publish(f, make_forms(f, 3, 2, FULL));
+    /* A snapshot leaves one channel out: its sessions keep their tiles, and a newcomer gets no old ones. */
+    serving_publish(f, make_channels(f, 3, 2, FULL));
     serving_expect_frame(full, 3, 2);
     serving_expect_tiles(full, f->map.tile_count, 3);
     int late = dial_in(f, LW_TILE_CHANNEL_SPLIT);
     serving_expect_silence(split);
     serving_expect_silence(late);
-    serving_publish(f, make_forms(f, 4, 3, FULL | SPLIT));
+    serving_publish(f, make_channels(f, 4, 3, FULL | SPLIT));
     expect_light_in(f, split, LW_TILE_CHANNEL_SPLIT, 4);
     expect_light_in(f, late, LW_TILE_CHANNEL_SPLIT, 4);
     serving_channel = LW_TILE_CHANNEL_FULL;

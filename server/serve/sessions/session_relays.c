@@ -20,8 +20,7 @@ static void merge(struct lw_session_shared *shared) {
     uv_mutex_unlock(&tree->mutex);
 }
 
-/* A relay has a session for each channel of irradiance, and reports in one of them: the last report counts.
- * */
+/* A relay has a session for each channel of irradiance, and reports in one. The last report counts. */
 static void leave_others(const struct lw_session *reporter) {
     for (struct lw_session *s = reporter->shared->first, *next; s; s = next) {
         next = s->next;

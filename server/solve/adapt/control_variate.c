@@ -110,10 +110,8 @@ static void add_direct(struct lw_tiles *tiles, struct lw_solve_block *block, uin
     for (int c = 0; c < 3; c++)
         more[c] = add_channel(tiles, texel, c, (&estimate.x)[c], (&off.x)[c], (&drawn.x)[c],
                               (&off_drawn.x)[c], &served[c]);
-    tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] =
-        lw_packed_light(lw_vec3_add(estimate, off), LW_PACKED_LIGHT_SIGNED);
-    if (tiles->drawn[0])
-        tiles->drawn_estimate[texel] = lw_packed_light(lw_vec3_add(drawn, off_drawn), LW_PACKED_LIGHT_SIGNED);
+    lw_tiles_keep_estimate(tiles, LW_TILES_ESTIMATE_DIRECT, texel, lw_vec3_add(estimate, off));
+    if (tiles->drawn[0]) lw_tiles_keep_drawn_estimate(tiles, texel, lw_vec3_add(drawn, off_drawn));
     const float brighter = luminance(more[0], more[1], more[2]);
     tiles->mean[texel] += brighter;
     block->luminance += (double)brighter;
@@ -331,7 +329,6 @@ static void take_from(struct lw_solve_block *block, uint32_t first, const struct
     }
 }
 
-/* Light of a texel's later bounces. */
 /* Light of `texels` texels together. */
 struct sum {
     double light[LW_CHANGE_ORDERS];
@@ -420,10 +417,10 @@ static void shift_texels(struct lw_tiles *tiles, struct lw_solve_block *block, c
     }
     for (uint32_t i = 0; estimates && i < texels->count; i++)
         for (int order = 0; order < LW_CHANGE_ORDERS; order++) {
-            uint64_t *estimate = &tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][texels->texel[i]];
-            *estimate = lw_packed_light(lw_vec3_add(lw_packed_light_unpack(*estimate, LW_PACKED_LIGHT_SIGNED),
-                                                    shift->of[order][texels->region[i]]),
-                                        LW_PACKED_LIGHT_SIGNED);
+            const int which = LW_TILES_ESTIMATE_BOUNCES + order;
+            lw_tiles_keep_estimate(tiles, which, texels->texel[i],
+                                   lw_vec3_add(lw_tiles_estimate(tiles, which, texels->texel[i]),
+                                               shift->of[order][texels->region[i]]));
         }
     for (uint32_t i = 0; tiles->moment[LW_TILES_INDIRECT][0] && i < texels->count; i++)
         lw_tiles_scale_moment(tiles->moment[LW_TILES_INDIRECT], texels->texel[i], then[i],

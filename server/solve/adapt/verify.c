@@ -199,8 +199,8 @@ void lw_verify_restore_estimates(const struct lw_transport *t, const struct lw_s
                 const uint32_t texel = tile->first + launch.texel[lane];
                 lw_direct_light_keep(t, texel, &direct, lane);
                 for (int order = 0; order < LW_CHANGE_ORDERS; order++)
-                    t->tiles->estimate[LW_TILES_ESTIMATE_BOUNCES + order][texel] =
-                        lw_packed_light(gather_order(t, texel, order), LW_PACKED_LIGHT_SIGNED);
+                    lw_tiles_keep_estimate(t->tiles, LW_TILES_ESTIMATE_BOUNCES + order, texel,
+                                           gather_order(t, texel, order));
             }
         }
     }

@@ -250,7 +250,7 @@ static inline float lw_tiles_later(const struct lw_tiles *tiles, uint32_t c, uin
 static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel, uint32_t plane,
                                  uint32_t texel) {
     if (lw_tile_channel_at(channel)->moment)
-        return lw_tiles_moment(tiles, (uint32_t)lw_tile_channel_at(channel)->follows, plane, texel);
+        return lw_tiles_moment(tiles, lw_tile_channel_at(channel)->follows, plane, texel);
     if (channel >= LW_TILE_CHANNEL_IRRADIANCES) return tiles->sum[channel][plane][texel];
     const float direct =
         channel == LW_TILE_CHANNEL_SPLIT ? lw_tiles_served(tiles, plane, texel) : tiles->direct[plane][texel];
@@ -261,9 +261,16 @@ static inline float lw_tiles_sum(const struct lw_tiles *tiles, uint32_t channel,
 static inline struct lw_vec3 lw_tiles_estimate(const struct lw_tiles *tiles, int which, uint32_t texel) {
     return lw_packed_light_unpack(tiles->estimate[which][texel], LW_PACKED_LIGHT_SIGNED);
 }
+static inline void lw_tiles_keep_estimate(struct lw_tiles *tiles, int which, uint32_t texel,
+                                          struct lw_vec3 e) {
+    tiles->estimate[which][texel] = lw_packed_light(e, LW_PACKED_LIGHT_SIGNED);
+}
 /** Its part that client lights give, if tiles->drawn is there. */
 static inline struct lw_vec3 lw_tiles_drawn_estimate(const struct lw_tiles *tiles, uint32_t texel) {
     return lw_packed_light_unpack(tiles->drawn_estimate[texel], LW_PACKED_LIGHT_SIGNED);
+}
+static inline void lw_tiles_keep_drawn_estimate(struct lw_tiles *tiles, uint32_t texel, struct lw_vec3 e) {
+    tiles->drawn_estimate[texel] = lw_packed_light(e, LW_PACKED_LIGHT_SIGNED);
 }
 
 /** What a texel sends out of a bounce order, W/(m^2 sr). */

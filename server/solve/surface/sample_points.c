@@ -35,8 +35,7 @@ static float quantise(float x, float steps) { return floorf(in_steps(x, steps) +
 
 static struct lw_sample_points_packed pack(const struct lw_sample_points_point *point,
                                            struct lw_vec3 position, float reach) {
-    const struct lw_vec2 n = lw_packed_normal_fold(point->normal),
-                         g = lw_packed_normal_fold(point->geometric);
+    const struct lw_vec2 n = lw_octahedron_fold(point->normal), g = lw_octahedron_fold(point->geometric);
     const struct lw_vec3 offset =
         lw_vec3_scale(lw_vec3_sub(point->origin, position), reach > 0 ? 32767 / reach : 0);
     const uint32_t x = (uint16_t)lrintf(offset.x), y = (uint16_t)lrintf(offset.y),
@@ -111,8 +110,7 @@ static float measure_offset(const struct lw_sample_points_plane *plane,
     float most = 0;
     for (uint32_t k = 0; k < texel->count; k++) {
         const struct lw_sample_points_point *point = &texel->point[k];
-        const struct lw_vec2 n = lw_packed_normal_fold(point->normal),
-                             g = lw_packed_normal_fold(point->geometric);
+        const struct lw_vec2 n = lw_octahedron_fold(point->normal), g = lw_octahedron_fold(point->geometric);
         if (!(fabsf(in_steps(n.x, NORMAL_STEPS) - plane->normal.x) <= FLAT_NORMAL * NORMAL_STEPS &&
               fabsf(in_steps(n.y, NORMAL_STEPS) - plane->normal.y) <= FLAT_NORMAL * NORMAL_STEPS &&
               fabsf(in_steps(g.x, GEOMETRIC_STEPS) - plane->geometric.x) <= FLAT_NORMAL * GEOMETRIC_STEPS &&
@@ -137,8 +135,8 @@ static bool find_plane(struct lw_sample_points *points, const struct lw_sample_p
         *out_offset = measure_offset(&points->plane[*out_plane], texel, reach);
         if (*out_offset < INFINITY) return true;
     }
-    const struct lw_vec2 n = lw_packed_normal_fold(texel->point[0].normal),
-                         g = lw_packed_normal_fold(texel->point[0].geometric);
+    const struct lw_vec2 n = lw_octahedron_fold(texel->point[0].normal),
+                         g = lw_octahedron_fold(texel->point[0].geometric);
     const struct lw_sample_points_plane plane = {
         .right = texel->right,
         .down = texel->down,

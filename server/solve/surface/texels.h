@@ -38,12 +38,11 @@ struct lw_mesh_texels {
     uint32_t width, height, texel_count;
     float texel_m;      /* side of a texel, object space, m: the mean over the mesh */
     float *position[3]; /* object space, m; on the surface */
-    uint32_t *normal;   /* shading normal, object space, packed (packed_normal.h) */
-    uint32_t
-        *geometric; /* normal of the triangle, packed, object space, on the side that this texel lights */
-    struct lw_packed_albedo
-        *albedo;      /* mean over the texel; a gutter has that of the texel that stands for it */
-    uint8_t *covered; /* 1: the texel's square overlaps a triangle */
+    /* Normals in object space (packed_normal.h): the shading normal, and the triangle's on the side that this
+     * texel lights. */
+    uint32_t *normal, *geometric;
+    struct lw_packed_albedo *albedo; /* mean over the texel; a gutter has that of the texel it copies */
+    uint8_t *covered;                /* 1: the texel's square overlaps a triangle */
     /* The chart that covers the texel, or else reads it in bilinear look-ups; LW_TEXEL_NONE: none. */
     uint32_t *chart;
     struct lw_sample_points sample_points; /* where on the texel its rays start */

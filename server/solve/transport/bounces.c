@@ -437,7 +437,7 @@ static int estimate_of(uint32_t bounce) {
 
 void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile *tile, uint32_t bounce) {
     LW_INVARIANT(bounce > 0 && bounce <= t->tiles->bounces);
-    uint64_t *estimate = t->tiles->estimate[estimate_of(bounce)];
+    const int which = estimate_of(bounce);
     const uint32_t count = tile->width * tile->height;
     const bool has_moments = lw_tiles_has_moments(t->tiles, tile);
     for (uint32_t i = 0; i < count; i++) {
@@ -450,9 +450,8 @@ void lw_bounces_gather(const struct lw_transport *t, const struct lw_solve_tile 
         if (bounce < t->tiles->bounces)
             lw_tiles_blend(t->tiles->order[bounce - 1], texel, e, block->indirect.weight);
         blend_sum(t->tiles->indirect, texel, bounce, e, block->indirect.weight);
-        estimate[texel] = lw_packed_light(
-            bounce <= 2 ? e : lw_vec3_add(lw_packed_light_unpack(estimate[texel], LW_PACKED_LIGHT_SIGNED), e),
-            LW_PACKED_LIGHT_SIGNED);
+        lw_tiles_keep_estimate(t->tiles, which, texel,
+                               bounce <= 2 ? e : lw_vec3_add(lw_tiles_estimate(t->tiles, which, texel), e));
         if (has_moments)
             blend_sum(t->tiles->moment[LW_TILES_INDIRECT], texel, bounce, moment_at(t, texel, bounce),
                       block->indirect.weight);

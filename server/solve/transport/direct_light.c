@@ -65,11 +65,8 @@ void lw_direct_light_repeat(const struct lw_transport *t, const struct lw_solve_
 void lw_direct_light_keep(const struct lw_transport *t, uint32_t texel, const struct lw_direct_light *e,
                           uint32_t lane) {
     LW_INVARIANT_DEAR(texel < t->tiles->texel_capacity && t->tiles->covered[texel]);
-    t->tiles->estimate[LW_TILES_ESTIMATE_DIRECT][texel] =
-        lw_packed_light(lw_direct_light_lane(e->all, lane), LW_PACKED_LIGHT_SIGNED);
-    if (t->drawn)
-        t->tiles->drawn_estimate[texel] =
-            lw_packed_light(lw_direct_light_lane(e->drawn, lane), LW_PACKED_LIGHT_SIGNED);
+    lw_tiles_keep_estimate(t->tiles, LW_TILES_ESTIMATE_DIRECT, texel, lw_direct_light_lane(e->all, lane));
+    if (t->drawn) lw_tiles_keep_drawn_estimate(t->tiles, texel, lw_direct_light_lane(e->drawn, lane));
 }
 
 static void blend_moments(const struct lw_transport *t, uint32_t texel, const struct lw_direct_light *e,

@@ -1,12 +1,11 @@
-/* octahedral.h: functions of direction as square maps: the sphere folded to an octahedron, the octahedron to
- * a square, whose border (bordered_map.h) repeats what lies across the fold.
+/* octahedral.h: functions of direction as square maps (octahedron.h), whose border (bordered_map.h) repeats
+ * what lies across the fold.
  * Threads: pure functions, [any].
- * After:   Meyer et al. 2010 (the mapping), Cigolle et al. 2014 (its error), Majercik
- *          et al. 2019 (bordered maps). */
+ * After:   Majercik et al. 2019 (bordered maps). */
 #ifndef LW_TRANSPORT_OCTAHEDRAL_H
 #define LW_TRANSPORT_OCTAHEDRAL_H
 
-#include "common/base/vec.h"
+#include "server/solve/surface/octahedron.h"
 #include "server/solve/transport/bordered_map.h"
 
 #include <stdint.h>
@@ -14,19 +13,13 @@
 
 /** Direction to the unit square. The direction need not be of unit length, but not zero. */
 static inline struct lw_vec2 lw_octahedral_encode(struct lw_vec3 d) {
-    float norm = fabsf(d.x) + fabsf(d.y) + fabsf(d.z), u = d.x / norm, v = d.y / norm;
-    if (d.z < 0) {
-        float folded = (1 - fabsf(v)) * copysignf(1, u);
-        v = (1 - fabsf(u)) * copysignf(1, v);
-        u = folded;
-    }
-    return (struct lw_vec2){u * 0.5f + 0.5f, v * 0.5f + 0.5f};
+    const struct lw_vec2 p = lw_octahedron_fold(d);
+    return (struct lw_vec2){p.x * 0.5f + 0.5f, p.y * 0.5f + 0.5f};
 }
 
 /** Unit square to unit direction. */
 static inline struct lw_vec3 lw_octahedral_decode(struct lw_vec2 p) {
-    float u = 2 * p.x - 1, v = 2 * p.y - 1, z = 1 - fabsf(u) - fabsf(v), fold = z < 0 ? -z : 0;
-    return lw_vec3_normalize(lw_vec3(u - copysignf(fold, u), v - copysignf(fold, v), z));
+    return lw_octahedron_unfold(2 * p.x - 1, 2 * p.y - 1);
 }
 
 /** The cell of a bordered map that a direction falls into; never one of the border. */
