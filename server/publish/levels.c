@@ -23,13 +23,6 @@ enum { OLD, LOADED, BESIDE, BUILT };
 _Static_assert((LW_TILE_SIDE >> (PLACEHOLDER_LEVEL - 1)) >= 2 * (RIM_ROUNDS + 2),
                "a cell is wider than two rims");
 
-static bool allocate(struct lw_levels_image *image, uint32_t planes) {
-    const size_t texels = (size_t)image->width * image->height;
-    if (!image->value) image->value = calloc(texels * planes, sizeof *image->value);
-    if (!image->covered) image->covered = calloc(texels, 1);
-    return image->value && image->covered;
-}
-
 enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel, const struct lw_atlas *atlas) {
     *levels = (struct lw_levels){
         .channel = channel, .planes = lw_tile_channel_at(channel)->planes, .count = atlas->level_count};
@@ -42,7 +35,10 @@ enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t channel, const 
         LW_INVARIANT(atlas->level[l].width > 0 && atlas->level[l].height > 0);
         LW_INVARIANT(l == 0 || atlas->level[l].width == (atlas->level[l - 1].width + 1) / 2);
         *image = (struct lw_levels_image){.width = atlas->level[l].width, .height = atlas->level[l].height};
-        if (!allocate(image, levels->planes)) {
+        const size_t texels = (size_t)image->width * image->height;
+        image->value = calloc(texels * levels->planes, sizeof *image->value);
+        image->covered = calloc(texels, 1);
+        if (!image->value || !image->covered) {
             lw_levels_finish(levels);
             return LW_NO_MEMORY;
         }
@@ -57,28 +53,6 @@ void lw_levels_finish(struct lw_levels *levels) {
     }
     free(levels->part);
     *levels = (struct lw_levels){0};
-}
-
-/* The finest level that stays when levels are dropped. */
-static uint32_t kept_level(const struct lw_levels *levels) {
-    return levels->count > PLACEHOLDER_LEVEL ? PLACEHOLDER_LEVEL : levels->count - 1;
-}
-
-void lw_levels_drop(struct lw_levels *levels) {
-    for (uint32_t l = 0; levels->count && l < kept_level(levels); l++) {
-        free(levels->level[l].covered);
-        free(levels->level[l].value);
-        levels->level[l].covered = NULL;
-        levels->level[l].value = NULL;
-    }
-}
-
-enum lw_status lw_levels_restore(struct lw_levels *levels) {
-    bool ok = true;
-    for (uint32_t l = 0; levels->count && l < kept_level(levels); l++)
-        ok &= allocate(&levels->level[l], levels->planes);
-    if (!ok) lw_levels_drop(levels);
-    return ok ? LW_OK : LW_NO_MEMORY;
 }
 
 /* The compiler unrolls loops over three planes, which most channels have. */
@@ -303,37 +277,4 @@ void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_p
                (size_t)place->width * levels->planes * sizeof *out_value);
         memcpy(out_covered + to, image->covered + from, place->width);
     }
-}
-
-#define BIN_SHIFT 21u /* leaves, of a float's bits, eight of the exponent and two below them */
-
-void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight) {
-    uint32_t bits;
-    LW_INVARIANT_DEAR(value >= 0 && isfinite(value));
-    memcpy(&bits, &value, sizeof bits);
-    bin[bits >> BIN_SHIFT & (LW_LEVELS_BINS - 1)] += weight;
-}
-
-void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVELS_BINS]) {
-    if (!levels->count) return;
-    const uint32_t level = kept_level(levels);
-    const struct lw_levels_image *image = &levels->level[level];
-    for (size_t i = 0; i < (size_t)image->width * image->height; i++)
-        for (uint32_t p = 0; image->covered[i] == 1 && p < levels->planes; p++)
-            lw_levels_count_value(bin, image->value[i * levels->planes + p],
-                                  (uint64_t)1 << 2 * (PLACEHOLDER_LEVEL - level));
-}
-
-float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share) {
-    uint64_t all = 0, under = 0;
-    LW_INVARIANT(share >= 0 && share <= 1);
-    for (uint32_t i = 0; i < LW_LEVELS_BINS; i++) all += bin[i];
-    if (!all) return 0;
-    uint32_t i = 0;
-    while ((double)(under += bin[i]) <= share * (double)all && i + 1 < LW_LEVELS_BINS) i++;
-    const uint32_t bits = i << BIN_SHIFT;
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    LW_INVARIANT(under > 0 && under <= all);
-    return value;
 }

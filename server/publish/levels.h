@@ -34,16 +34,6 @@ LW_MUST_CHECK enum lw_status lw_levels_init(struct lw_levels *levels, uint32_t c
                                             const struct lw_atlas *atlas);
 void lw_levels_finish(struct lw_levels *levels);
 
-/** Frees all levels but those that lw_levels_count_values() reads, and coarser ones. That is the only call on
- * dropped levels, beside lw_levels_restore() and lw_levels_finish(). */
-void lw_levels_drop(struct lw_levels *levels);
-/** Makes room for dropped levels. The caller loads all tiles of level 0 then. Errors: LW_NO_MEMORY; they stay
- * dropped. */
-LW_MUST_CHECK enum lw_status lw_levels_restore(struct lw_levels *levels);
-static inline bool lw_levels_are_dropped(const struct lw_levels *levels) {
-    return levels->count > 0 && !levels->level[0].value;
-}
-
 /** Copies the shown light of one level-0 tile into level 0. Load all of them before the first build. */
 void lw_levels_load_tile(struct lw_levels *levels, const struct lw_tile_place *place,
                          const struct lw_solver_tile *tile);
@@ -56,15 +46,5 @@ bool lw_levels_has_changed(const struct lw_levels *levels, const struct lw_tile_
  * look-up reads the texel. */
 void lw_levels_store_tile(const struct lw_levels *levels, const struct lw_tile_place *place, float *out_value,
                           uint8_t *out_covered);
-
-/* Bins of E: by the first bits of a float, four bins per doubling. */
-#define LW_LEVELS_BINS 1024u
-
-/** Adds a value to its bin, `weight` times. */
-void lw_levels_count_value(uint64_t bin[LW_LEVELS_BINS], float value, uint64_t weight);
-/** Adds the values of all texels with surface of a coarse level. */
-void lw_levels_count_values(const struct lw_levels *levels, uint64_t bin[LW_LEVELS_BINS]);
-/** Lower end of the bin below which this share of the counted values lies; 0: none were counted. */
-float lw_levels_quantile(const uint64_t bin[LW_LEVELS_BINS], double share);
 
 #endif

@@ -6,6 +6,7 @@
 #include "common/tile/tile_codec.h"
 #include "server/publish/frame_message.h"
 #include "server/publish/levels.h"
+#include "server/publish/white.h"
 
 #include <omp.h>
 #include <stdlib.h>
@@ -21,15 +22,6 @@ struct sent_tile {
     struct lw_blob *delta; /* the same as a delta on version `base`; NULL: none */
     uint64_t base;
     struct lw_tile_dct_history *history; /* what deltas build on */
-};
-
-/* texels of level 0 per texel of the level that white is measured on, each way */
-#define BLOCK_SIDE (1u << 3)
-
-/* Means of all light over squares of a tile; covered: texels with surface there. */
-struct blocks {
-    float rgb[LW_TILE_TEXELS_MAX / (BLOCK_SIDE * BLOCK_SIDE)][3];
-    uint32_t covered[LW_TILE_TEXELS_MAX / (BLOCK_SIDE * BLOCK_SIDE)];
 };
 
 struct worker {
@@ -50,14 +42,13 @@ struct worker {
 struct channel {
     uint32_t number;
     const struct lw_tile_channel *is;
-    bool is_published;        /* a snapshot has had it */
-    struct lw_levels *levels; /* per object */
-    struct sent_tile *sent;   /* per tile id */
-    bool *changed;            /* per object: changed in this frame */
-    lw_tile_id *fine;         /* tiles of finer levels that are sent, by id */
+    bool is_published;         /* a snapshot has had it */
+    struct lw_levels **levels; /* per object; NULL: they are made when its tiles are encoded */
+    struct sent_tile *sent;    /* per tile id */
+    bool *changed;             /* per object: changed in this frame */
+    lw_tile_id *fine;          /* tiles of finer levels that are sent, by id */
     uint32_t fine_count;
-    struct blocks *all_light; /* per tile id of level 0, of a part of the light alone */
-    float dark;               /* W/m^2: looks black in this frame; 0: not light */
+    float dark; /* W/m^2: looks black in this frame; 0: not light */
 };
 
 /* Form of an object's tiles in this frame. */
@@ -72,6 +63,7 @@ struct lw_publisher {
     bool is_lean;                                  /* objects that nobody looks at keep none */
     uint64_t *unlit;         /* per object: 0; SPARE; or the frame since which it is none, until it is lit */
     struct worker *worker;   /* per thread */
+    struct lw_white white;   /* of all light */
     struct lw_pose previous; /* the last one published */
     uint64_t previous_frame;
     uint64_t since; /* the first frame of those that could not be published since; 0: there is none */
@@ -96,11 +88,16 @@ static void drop_state(struct sent_tile *sent) {
     sent->history = NULL;
 }
 
+static void drop_levels(struct channel *channel, uint32_t object) {
+    if (channel->levels[object]) lw_levels_finish(channel->levels[object]);
+    free(channel->levels[object]);
+    channel->levels[object] = NULL;
+}
+
 static void destroy_channel(const struct lw_atlas_map *map, struct channel *channel) {
     if (!channel) return;
-    for (uint32_t o = 0; channel->levels && o < map->object_count; o++) lw_levels_finish(&channel->levels[o]);
+    for (uint32_t o = 0; channel->levels && o < map->object_count; o++) drop_levels(channel, o);
     for (uint32_t t = 0; channel->sent && t < map->tile_count; t++) forget_sent(&channel->sent[t]);
-    free(channel->all_light);
     free(channel->fine);
     free(channel->changed);
     free(channel->sent);
@@ -108,30 +105,21 @@ static void destroy_channel(const struct lw_atlas_map *map, struct channel *chan
     free(channel);
 }
 
-static enum lw_status create_channel(const struct lw_atlas_map *map, const bool *keeps_state, uint32_t number,
+static enum lw_status create_channel(const struct lw_atlas_map *map, uint32_t number,
                                      struct channel **out_channel) {
     struct channel *channel = calloc(1, sizeof *channel);
     if (!channel) return LW_NO_MEMORY;
     channel->number = number;
     channel->is = lw_tile_channel_at(number);
-    const bool is_part = channel->is->coding == LW_TILE_CODING_LIGHT && number != LW_TILE_CHANNEL_FULL;
     channel->levels = calloc((size_t)map->object_count + 1, sizeof *channel->levels);
     channel->sent = calloc((size_t)map->tile_count + 1, sizeof *channel->sent);
     channel->changed = calloc((size_t)map->object_count + 1, sizeof *channel->changed);
-    if (is_part) channel->all_light = calloc((size_t)map->tile_count + 1, sizeof *channel->all_light);
-    enum lw_status status =
-        channel->levels && channel->sent && channel->changed && (channel->all_light || !is_part)
-            ? LW_OK
-            : LW_NO_MEMORY;
-    for (uint32_t o = 0; status == LW_OK && o < map->object_count; o++) {
-        status = lw_levels_init(&channel->levels[o], number, map->atlas[o]);
-        if (status == LW_OK && !keeps_state[o]) lw_levels_drop(&channel->levels[o]);
-    }
-    if (status == LW_OK)
-        *out_channel = channel;
-    else
+    if (!channel->levels || !channel->sent || !channel->changed) {
         destroy_channel(map, channel);
-    return status;
+        return LW_NO_MEMORY;
+    }
+    *out_channel = channel;
+    return LW_OK;
 }
 
 enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channels) {
@@ -142,7 +130,7 @@ enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channe
     enum lw_status status = LW_OK;
     for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
         if (channels >> f & 1 && !p->channel[f])
-            status = create_channel(p->desc.atlas_map, p->keeps_state, f, &made[f]);
+            status = create_channel(p->desc.atlas_map, f, &made[f]);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         if (status != LW_OK) {
             destroy_channel(p->desc.atlas_map, made[f]);
@@ -174,7 +162,7 @@ void lw_publisher_want(struct lw_publisher *p, const uint8_t *levels) {
         if (levels[id]) p->keeps_state[map->place[id].object] = true;
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         for (uint32_t o = 0; p->channel[f] && o < map->object_count; o++)
-            if (!p->keeps_state[o]) lw_levels_drop(&p->channel[f]->levels[o]);
+            if (!p->keeps_state[o]) drop_levels(p->channel[f], o);
         for (uint32_t id = 0; p->channel[f] && id < map->plain_count; id++)
             if (!p->keeps_state[map->place[id].object]) drop_state(&p->channel[f]->sent[id]);
     }
@@ -197,6 +185,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     enum lw_status status = LW_NO_MEMORY;
     if (!p->news || !p->unlit || !p->keeps_state || !p->worker) goto fail;
     for (uint32_t o = 0; o < desc->atlas_map->object_count; o++) p->keeps_state[o] = !p->is_lean;
+    if ((status = lw_white_init(&p->white, desc->atlas_map)) != LW_OK) goto fail;
     if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
     for (int i = 0; i < p->threads; i++) {
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
@@ -221,6 +210,7 @@ void lw_publisher_destroy(struct lw_publisher *p) {
         free(p->worker[i].delta);
     }
     lw_pose_finish(&p->previous);
+    lw_white_finish(&p->white);
     free(p->worker);
     free(p->keeps_state);
     free(p->unlit);
@@ -231,18 +221,6 @@ void lw_publisher_destroy(struct lw_publisher *p) {
 /* Level-0 tiles come first in an object's ids. */
 static uint32_t level0_tiles(const struct lw_atlas *atlas) {
     return atlas->level[0].tiles_x * atlas->level[0].tiles_y;
-}
-
-static void sum_blocks(const struct lw_solver_tile *tile, struct blocks *out) {
-    const uint32_t columns = (tile->width + BLOCK_SIDE - 1) / BLOCK_SIDE;
-    LW_INVARIANT(tile->width - 1 < LW_TILE_SIDE && tile->height - 1 < LW_TILE_SIDE);
-    memset(out, 0, sizeof *out);
-    for (uint32_t i = 0; i < tile->width * tile->height; i++) {
-        if (!tile->covered[i]) continue;
-        const uint32_t b = i / tile->width / BLOCK_SIDE * columns + i % tile->width / BLOCK_SIDE;
-        for (int c = 0; c < 3; c++) out->rgb[b][c] += tile->direct[c][i] + tile->indirect[c][i];
-        out->covered[b]++;
-    }
 }
 
 /* Ids of an object's tiles of level 0, from the first up to but without the last. */
@@ -265,46 +243,48 @@ static bool has_news(const struct lw_publisher *p, const struct channel *channel
     return tile.solved_frame >= since || !channel->sent[id].version;
 }
 
-static void load_tile(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
-                      uint32_t id) {
+/* Takes over the solver's light of a tile: into white, and into its object's pyramid if that is held. */
+static void load_tile(struct lw_publisher *p, struct worker *worker, struct channel *channel, uint32_t id) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id];
     struct lw_solver_tile tile;
     lw_solver_read_light(p->desc.solver, (lw_tile_id){id}, &worker->room, &tile);
-    if (channel->all_light) sum_blocks(&tile, &channel->all_light[id]);
-    lw_levels_load_tile(&channel->levels[place->object], place, &tile);
+    if (channel->is->coding == LW_TILE_CODING_LIGHT) lw_white_note(&p->white, (lw_tile_id){id}, &tile);
+    if (channel->levels[place->object]) lw_levels_load_tile(channel->levels[place->object], place, &tile);
 }
 
-/* Makes the pyramid of an object that has dropped it. */
-static enum lw_status restore_levels(const struct lw_publisher *p, struct worker *worker,
-                                     struct channel *channel, uint32_t object) {
+/* Makes the pyramid of an object. */
+static enum lw_status make_levels(struct lw_publisher *p, struct worker *worker, struct channel *channel,
+                                  uint32_t object) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
-    const enum lw_status status = lw_levels_restore(&channel->levels[object]);
-    for (uint32_t id = tiles.first; status == LW_OK && id < tiles.end; id++)
-        load_tile(p, worker, channel, id);
-    if (status == LW_OK && tiles.first < tiles.end) lw_levels_build(&channel->levels[object]);
-    return status;
+    struct lw_levels *levels = malloc(sizeof *levels);
+    LW_INVARIANT(!channel->levels[object]);
+    if (!levels) return LW_NO_MEMORY;
+    const enum lw_status status =
+        lw_levels_init(levels, channel->number, p->desc.atlas_map->atlas[object]);
+    if (status != LW_OK) {
+        free(levels);
+        return status;
+    }
+    channel->levels[object] = levels;
+    for (uint32_t id = tiles.first; id < tiles.end; id++) load_tile(p, worker, channel, id);
+    if (tiles.first < tiles.end) lw_levels_build(levels);
+    return LW_OK;
 }
 
-/* Brings an object's pyramid up to date with the solver; false if no frame since that one touched it. */
-static bool refresh_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+/* Brings an object's pyramid up to date with the solver, if it is held; false if no frame since that one
+ * touched it. */
+static bool refresh_levels(struct lw_publisher *p, struct worker *worker, struct channel *channel,
                            uint32_t object, uint64_t since) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
-    const bool dropped = lw_levels_are_dropped(&channel->levels[object]);
     bool changed = false;
     if (worker->status != LW_OK) return false;
-    for (uint32_t id = tiles.first; id < tiles.end && !(changed && dropped); id++) {
+    for (uint32_t id = tiles.first; id < tiles.end; id++) {
         if (!has_news(p, channel, id, since)) continue;
-        if (!dropped) load_tile(p, worker, channel, id);
+        load_tile(p, worker, channel, id);
         changed = true;
     }
-    if (!changed) return false;
-    if (!dropped) {
-        lw_levels_build(&channel->levels[object]);
-        return true;
-    }
-    worker->status = restore_levels(p, worker, channel, object);
-    if (!p->keeps_state[object]) lw_levels_drop(&channel->levels[object]);
-    return worker->status == LW_OK;
+    if (changed && channel->levels[object]) lw_levels_build(channel->levels[object]);
+    return changed;
 }
 
 /* Whether all of an object has been solved since a frame. */
@@ -331,32 +311,6 @@ static void note_unlit(struct lw_publisher *p, const struct lw_pose *pose, uint3
     LW_INVARIANT(*unlit == SPARE || *unlit <= frame);
     if (!*unlit || *unlit == SPARE) return;
     p->news[object] = is_lit(p, object, *unlit) ? LIT_AGAIN : HELD_BACK;
-}
-
-static void count_blocks(const struct lw_atlas_map *map, const struct channel *channel, uint32_t object,
-                         uint64_t bin[LW_LEVELS_BINS]) {
-    const struct tile_range tiles = level0_of(map, object);
-    for (uint32_t id = tiles.first; id < tiles.end; id++) {
-        const struct blocks *blocks = &channel->all_light[id];
-        for (size_t b = 0; b < sizeof blocks->covered / sizeof *blocks->covered; b++)
-            for (int c = 0; blocks->covered[b] && c < 3; c++)
-                lw_levels_count_value(bin, blocks->rgb[b][c] / (float)blocks->covered[b], 1);
-    }
-}
-
-/* Hidden objects have no light, or stale light. */
-static float find_dark(const struct lw_atlas_map *map, const struct channel *channel,
-                       const struct lw_pose *pose) {
-    uint64_t bin[LW_LEVELS_BINS] = {0};
-    if (channel->is->coding != LW_TILE_CODING_LIGHT) return 0;
-    for (uint32_t o = 0; o < map->object_count; o++) {
-        if (pose->object_hidden[o]) continue;
-        if (channel->all_light)
-            count_blocks(map, channel, o, bin);
-        else
-            lw_levels_count_values(&channel->levels[o], bin);
-    }
-    return LW_PUBLISHER_DARK_SHARE * lw_levels_quantile(bin, LW_PUBLISHER_WHITE_QUANTILE);
 }
 
 float lw_publisher_error(const struct lw_atlas_map *map, const struct lw_solver *solver, lw_tile_id id,
@@ -547,9 +501,9 @@ static void store_tile(const struct lw_publisher *p, const struct channel *chann
                        const struct lw_tile_place *place, struct worker *worker) {
     if (channel->is->moment) {
         const struct channel *irradiance = p->channel[channel->is->follows];
-        lw_levels_store_tile(&irradiance->levels[place->object], place, worker->light, worker->covered);
+        lw_levels_store_tile(irradiance->levels[place->object], place, worker->light, worker->covered);
     }
-    lw_levels_store_tile(&channel->levels[place->object], place, worker->value, worker->covered);
+    lw_levels_store_tile(channel->levels[place->object], place, worker->value, worker->covered);
     if (channel->is->moment) divide_by_light(worker, place);
 }
 
@@ -557,9 +511,8 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
                           lw_tile_id id, uint64_t frame) {
     const struct lw_tile_place *place = &p->desc.atlas_map->place[id.v];
     const struct sent_tile *sent = &channel->sent[id.v];
-    const struct lw_levels *levels = &channel->levels[place->object];
     if (worker->status != LW_OK || !channel->changed[place->object] ||
-        !lw_levels_has_changed(levels, place) || !has_channel(p, channel, place->object))
+        !lw_levels_has_changed(channel->levels[place->object], place))
         return;
     uint32_t bounces;
     const float error = lw_publisher_error(p->desc.atlas_map, p->desc.solver, id, &bounces);
@@ -575,27 +528,26 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
 }
 
 /* The pyramids that encoding an object's tiles of a channel reads. */
-static void ensure_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+static void ensure_levels(struct lw_publisher *p, struct worker *worker, struct channel *channel,
                           uint32_t object) {
     struct channel *irradiance = channel->is->moment ? p->channel[channel->is->follows] : NULL;
-    if (worker->status == LW_OK && lw_levels_are_dropped(&channel->levels[object]))
-        worker->status = restore_levels(p, worker, channel, object);
-    if (worker->status == LW_OK && irradiance && lw_levels_are_dropped(&irradiance->levels[object]))
-        worker->status = restore_levels(p, worker, irradiance, object);
+    if (worker->status == LW_OK && !channel->levels[object])
+        worker->status = make_levels(p, worker, channel, object);
+    if (worker->status == LW_OK && irradiance && !irradiance->levels[object])
+        worker->status = make_levels(p, worker, irradiance, object);
 }
 
 /* Pyramids are made again for an object that does not keep them, for as long as its tiles are encoded. */
-static void encode_object(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+static void encode_object(struct lw_publisher *p, struct worker *worker, struct channel *channel,
                           uint32_t object, uint64_t frame) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     struct channel *irradiance = channel->is->moment ? p->channel[channel->is->follows] : NULL;
     const uint32_t first = map->first_tile[object],
                    end = object + 1 < map->object_count ? map->first_tile[object + 1] : map->plain_count;
-    if (!has_channel(p, channel, object)) return;
     ensure_levels(p, worker, channel, object);
     for (uint32_t id = first; id < end; id++) consider_tile(p, worker, channel, (lw_tile_id){id}, frame);
-    lw_levels_drop(&channel->levels[object]);
-    if (irradiance) lw_levels_drop(&irradiance->levels[object]);
+    drop_levels(channel, object);
+    if (irradiance) drop_levels(irradiance, object);
 }
 
 static void encode_tiles(struct lw_publisher *p, struct channel *channel, uint64_t frame) {
@@ -702,9 +654,11 @@ static enum lw_status encode_fine(struct lw_publisher *p, struct channel *channe
     return LW_OK;
 }
 
-static void refresh_object(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
+static void refresh_object(struct lw_publisher *p, struct worker *worker, struct channel *channel,
                            uint32_t object, uint64_t since, bool has_light) {
     bool *changed = &channel->changed[object];
+    *changed = false;
+    if (!has_channel(p, channel, object)) return;
     *changed = has_light && refresh_levels(p, worker, channel, object, since);
     if (p->news[object] != AS_SOLVED) *changed = p->news[object] == LIT_AGAIN;
     if (*changed && p->keeps_state[object]) ensure_levels(p, worker, channel, object);
@@ -716,7 +670,8 @@ static void refresh_channel(struct lw_publisher *p, struct channel *channel, con
 #pragma omp parallel for schedule(dynamic, 1) num_threads(p->threads)
     for (uint32_t o = 0; o < p->desc.atlas_map->object_count; o++)
         refresh_object(p, &p->worker[omp_get_thread_num()], channel, o, since, has_light);
-    if (has_light) channel->dark = find_dark(p->desc.atlas_map, channel, pose);
+    if (has_light && channel->is->coding == LW_TILE_CODING_LIGHT) /* hidden objects have no light, or old */
+        channel->dark = LW_PUBLISHER_DARK_SHARE * lw_white_find(&p->white, pose->object_hidden);
 }
 
 /* Which tiles of finer levels the solver has; those that it dropped have been withdrawn by now. */
@@ -833,12 +788,11 @@ enum lw_status lw_publisher_publish(struct lw_publisher *p, const struct lw_pose
 }
 
 static size_t channel_bytes(const struct lw_atlas_map *map, const struct channel *channel) {
-    size_t bytes = channel->all_light ? map->tile_count * sizeof *channel->all_light : 0;
+    size_t bytes = 0;
     for (uint32_t o = 0; o < map->object_count; o++)
-        for (uint32_t l = 0; l < channel->levels[o].count; l++)
-            if (channel->levels[o].level[l].value)
-                bytes += (size_t)channel->levels[o].level[l].width * channel->levels[o].level[l].height *
-                         (4 * channel->is->planes + 1);
+        for (uint32_t l = 0; channel->levels[o] && l < channel->levels[o]->count; l++)
+            bytes += (size_t)channel->levels[o]->level[l].width * channel->levels[o]->level[l].height *
+                     (4 * channel->is->planes + 1);
     for (uint32_t t = 0; t < map->tile_count; t++) {
         const struct sent_tile *sent = &channel->sent[t];
         if (sent->value)
@@ -853,7 +807,7 @@ static size_t channel_bytes(const struct lw_atlas_map *map, const struct channel
 }
 
 size_t lw_publisher_memory_bytes(const struct lw_publisher *p) {
-    size_t bytes = 0;
+    size_t bytes = lw_white_memory_bytes(&p->white);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++)
         if (p->channel[f]) bytes += channel_bytes(p->desc.atlas_map, p->channel[f]);
     return bytes;

@@ -33,12 +33,11 @@ static inline float lw_publisher_step(float error, float noise_shown, uint32_t l
     return fminf(fmaxf(step, LW_PUBLISHER_STEP_MIN), widest);
 }
 
-/* White is the E that 99 % of the values of coarse texels are below. Light below LW_PUBLISHER_DARK_SHARE of
- * white looks black beside it: in a brighter tile the lossy codec keeps its difference, not its ratio (`dark`
- * of tile_dct.h). The share is a fifth of the hundredth that coding losses are measured against. White is of
- * all light in every channel of light, since clients add client-drawn light to a tile's light. */
-#define LW_PUBLISHER_WHITE_QUANTILE 0.99
-#define LW_PUBLISHER_DARK_SHARE     (1 / 512.0f)
+/* Light below LW_PUBLISHER_DARK_SHARE of white (white.h) looks black beside it: in a brighter tile the lossy
+ * codec keeps its difference, not its ratio (`dark` of tile_dct.h). The share is a fifth of the hundredth
+ * that coding losses are measured against. White is of all light in every channel of light, since clients add
+ * client-drawn light to a tile's light. */
+#define LW_PUBLISHER_DARK_SHARE (1 / 512.0f)
 
 /* State of the encoder, which is kept from one version of a tile to the next, is some 40 bytes a texel and
  * channel. Where that of all tiles is more than this, only objects that somebody looks at keep theirs. */

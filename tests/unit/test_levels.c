@@ -96,7 +96,6 @@ static void test_coarsest_level_has_no_hole(void **state) {
     lw_levels_finish(&levels);
 }
 
-/* A sixteenth of a lightmap is bright. */
 /* Nor beside texels that are the mean of gutters alone. */
 static void test_coarsest_level_is_filled_from_gutters(void **state) {
     (void)state;
@@ -120,24 +119,6 @@ static void test_coarsest_level_is_filled_from_gutters(void **state) {
     lw_levels_build(&levels);
     const uint32_t last = levels.count - 1, side = SIDE >> last;
     for (uint32_t y = 0; y < side; y++) assert_true(red(&levels, last, side - 1, y) == 10);
-    lw_levels_finish(&levels);
-}
-
-static void test_quantile(void **state) {
-    (void)state;
-    static uint64_t bin[LW_LEVELS_BINS];
-    memset(bin, 0, sizeof bin);
-    assert_true(lw_levels_quantile(bin, 0.99) == 0);
-    memset(covered, 1, sizeof covered);
-    for (uint32_t i = 0; i < SIDE * SIDE; i++)
-        for (int c = 0; c < 3; c++) plane[c][i] = i / SIDE / 4 == 15 ? 1000 : 3;
-    struct lw_levels levels;
-    load(&levels);
-    lw_levels_count_values(&levels, bin); /* 16 x 16 texels of the coarsest level, the last row bright */
-    lw_levels_count_values(&levels, bin);
-    assert_true(lw_levels_quantile(bin, 0.9) == 3);
-    const float bright = lw_levels_quantile(bin, 0.99);
-    assert_true(bright <= 1000 && bright >= 800);
     lw_levels_finish(&levels);
 }
 
@@ -259,7 +240,6 @@ int main(void) {
         cmocka_unit_test(test_filled_gutters_are_kept),
         cmocka_unit_test(test_coarsest_level_has_no_hole),
         cmocka_unit_test(test_coarsest_level_is_filled_from_gutters),
-        cmocka_unit_test(test_quantile),
         cmocka_unit_test(test_parts_are_as_the_whole),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
