@@ -1,10 +1,13 @@
 #include "common/scene/pose.h"
 
+#include "common/base/invariant.h"
+
 #include <stdlib.h>
 #include <string.h>
 
-/* A node's place relative to its parent, animated. */
+/* A node's place relative to its parent. */
 struct lw_pose_local {
+    uint32_t node;
     float translation[3], rotation[4], scale[3];
 };
 
@@ -16,26 +19,62 @@ static void find_movers(struct lw_pose *pose, const struct lw_scene *scene) {
     }
 }
 
-enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) {
-    memset(pose, 0, sizeof *pose);
-    /* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
-    pose->object_to_world = calloc((size_t)scene->object_count + 1, sizeof *pose->object_to_world);
-    pose->object_hidden = calloc((size_t)scene->object_count + 1, sizeof *pose->object_hidden);
-    pose->object_spare = calloc((size_t)scene->object_count + 1, sizeof *pose->object_spare);
-    pose->object_dynamic = calloc((size_t)scene->object_count + 1, sizeof *pose->object_dynamic);
+static int compare_nodes(const void *a, const void *b) {
+    const uint32_t x = ((const struct lw_pose_local *)a)->node, y = ((const struct lw_pose_local *)b)->node;
+    return (x > y) - (x < y);
+}
+
+/* Lists the nodes with channels, in order. */
+static void list_locals(struct lw_pose *pose, const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < scene->channel_count; i++) pose->local[i].node = scene->channel[i].node;
+    qsort(pose->local, scene->channel_count, sizeof *pose->local, compare_nodes);
+    for (uint32_t i = 0; i < scene->channel_count; i++)
+        if (!i || pose->local[i].node != pose->local[i - 1].node)
+            pose->local[pose->local_count++].node = pose->local[i].node;
+}
+
+/* calloc of 0 elements may be NULL: one more of each keeps NULL for "out of memory" */
+static bool allocate_state(struct lw_pose *pose, const struct lw_scene *scene) {
+    const size_t objects = (size_t)scene->object_count + 1;
+    pose->object_to_world = calloc(objects, sizeof *pose->object_to_world);
+    pose->object_hidden = calloc(objects, sizeof *pose->object_hidden);
+    pose->object_spare = calloc(objects, sizeof *pose->object_spare);
+    pose->object_dynamic = calloc(objects, sizeof *pose->object_dynamic);
     pose->light = calloc((size_t)scene->light_count + 1, sizeof *pose->light);
     pose->material = calloc((size_t)scene->material_count + 1, sizeof *pose->material);
-    pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
-    pose->local = calloc((size_t)scene->node_count + 1, sizeof *pose->local);
     pose->node_moves = calloc((size_t)scene->node_count + 1, sizeof *pose->node_moves);
-    if (!pose->object_to_world || !pose->object_hidden || !pose->object_spare || !pose->object_dynamic ||
-        !pose->light || !pose->material || !pose->node_to_world || !pose->local || !pose->node_moves) {
+    return pose->object_to_world && pose->object_hidden && pose->object_spare && pose->object_dynamic &&
+           pose->light && pose->material && pose->node_moves;
+}
+
+static bool allocate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
+    pose->node_to_world = calloc((size_t)scene->node_count + 1, sizeof *pose->node_to_world);
+    pose->local = calloc((size_t)scene->channel_count + 1, sizeof *pose->local);
+    return pose->node_to_world && pose->local;
+}
+
+enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene) {
+    memset(pose, 0, sizeof *pose);
+    if (!allocate_state(pose, scene) || !allocate_nodes(pose, scene)) {
         lw_pose_finish(pose);
         return LW_NO_MEMORY;
     }
     find_movers(pose, scene);
+    list_locals(pose, scene);
     for (uint32_t i = 0; i < scene->object_count; i++) pose->object_dynamic[i] = lw_scene_is_spare(scene, i);
     lw_pose_evaluate(pose, scene, 0);
+    return LW_OK;
+}
+
+enum lw_status lw_pose_init_copy(struct lw_pose *pose, const struct lw_pose *from,
+                                 const struct lw_scene *scene) {
+    memset(pose, 0, sizeof *pose);
+    if (!allocate_state(pose, scene)) {
+        lw_pose_finish(pose);
+        return LW_NO_MEMORY;
+    }
+    memcpy(pose->node_moves, from->node_moves, scene->node_count * sizeof *pose->node_moves);
+    lw_pose_copy(pose, from, scene);
     return LW_OK;
 }
 
@@ -138,18 +177,25 @@ static struct lw_affine compose(const struct lw_pose_local *local) {
     }};
 }
 
-static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
-    for (uint32_t i = 0; i < scene->node_count; i++) {
-        const struct lw_node *node = &scene->node[i];
-        struct lw_pose_local *local = &pose->local[i];
-        memcpy(local->translation, node->translation, sizeof local->translation);
-        memcpy(local->rotation, node->rotation, sizeof local->rotation);
-        memcpy(local->scale, node->scale, sizeof local->scale);
-        normalize_quaternion(local->rotation);
-    }
+/* Where a node is without channels. */
+static struct lw_pose_local at_rest(const struct lw_scene *scene, uint32_t node) {
+    const struct lw_node *from = &scene->node[node];
+    struct lw_pose_local local = {.node = node};
+    memcpy(local.translation, from->translation, sizeof local.translation);
+    memcpy(local.rotation, from->rotation, sizeof local.rotation);
+    memcpy(local.scale, from->scale, sizeof local.scale);
+    normalize_quaternion(local.rotation);
+    return local;
+}
+
+static void evaluate_locals(struct lw_pose *pose, const struct lw_scene *scene) {
+    for (uint32_t i = 0; i < pose->local_count; i++) pose->local[i] = at_rest(scene, pose->local[i].node);
     for (uint32_t i = 0; i < scene->channel_count; i++) {
         const struct lw_channel *channel = &scene->channel[i];
-        struct lw_pose_local *local = &pose->local[channel->node];
+        const struct lw_pose_local of = {.node = channel->node};
+        struct lw_pose_local *local =
+            bsearch(&of, pose->local, pose->local_count, sizeof of, compare_nodes);
+        LW_INVARIANT(local);
         switch ((enum lw_channel_path)channel->path) {
         case LW_CHANNEL_TRANSLATION:
             evaluate_channel(channel, pose->time_s, local->translation);
@@ -165,9 +211,15 @@ static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
             break; /* no node has one */
         }
     }
-    for (uint32_t i = 0; i < scene->node_count; i++) {
+}
+
+static void evaluate_nodes(struct lw_pose *pose, const struct lw_scene *scene) {
+    evaluate_locals(pose, scene);
+    for (uint32_t i = 0, k = 0; i < scene->node_count; i++) {
         const struct lw_node *node = &scene->node[i];
-        struct lw_affine local = node->has_matrix ? node->matrix : compose(&pose->local[i]);
+        const bool animated = k < pose->local_count && pose->local[k].node == i;
+        const struct lw_pose_local place = animated ? pose->local[k++] : at_rest(scene, i);
+        struct lw_affine local = node->has_matrix ? node->matrix : compose(&place);
         pose->node_to_world[i] = node->parent == LW_SCENE_NONE
                                      ? local
                                      : lw_affine_multiply(&pose->node_to_world[node->parent], &local);
@@ -191,6 +243,7 @@ static void evaluate_lights(struct lw_pose *pose, const struct lw_scene *scene) 
 }
 
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s) {
+    LW_INVARIANT(pose->node_to_world);
     pose->time_s = wrap_time(time_s, (double)scene->duration_s);
     evaluate_nodes(pose, scene);
     for (uint32_t i = 0; i < scene->object_count; i++) {
@@ -224,7 +277,8 @@ void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct l
     memcpy(dst->light, src->light, scene->light_count * sizeof *src->light);
     memcpy(dst->material, src->material, scene->material_count * sizeof *src->material);
     memcpy(dst->sky, src->sky, sizeof dst->sky);
-    memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
+    if (dst->node_to_world && src->node_to_world)
+        memcpy(dst->node_to_world, src->node_to_world, scene->node_count * sizeof *src->node_to_world);
 }
 
 bool lw_pose_object_moves(const struct lw_pose *pose, const struct lw_scene *scene, uint32_t object) {

@@ -31,19 +31,25 @@ struct lw_pose {
     struct lw_light_state *light;       /* one per light */
     struct lw_material_state *material; /* one per material */
     float sky[3];                       /* W/(m^2 sr) */
-    struct lw_affine *node_to_world;    /* one per node */
-    struct lw_pose_local *local;        /* one per node; scratch of lw_pose_evaluate() */
     bool *node_moves;                   /* one per node: it or an ancestor has a channel */
+    /* NULL in a copy by lw_pose_init_copy(): */
+    struct lw_affine *node_to_world; /* one per node */
+    struct lw_pose_local *local;     /* per node with a channel; scratch of lw_pose_evaluate() */
+    uint32_t local_count;
 };
 
 /** Allocates for a scene and evaluates time 0. Errors: LW_NO_MEMORY. */
 LW_MUST_CHECK enum lw_status lw_pose_init(struct lw_pose *pose, const struct lw_scene *scene);
+/** Allocates and copies, for those who read objects, lights and materials. The copy has no transforms of
+ * nodes: lw_pose_evaluate() is not for it. Errors: LW_NO_MEMORY. */
+LW_MUST_CHECK enum lw_status lw_pose_init_copy(struct lw_pose *pose, const struct lw_pose *from,
+                                               const struct lw_scene *scene);
 void lw_pose_finish(struct lw_pose *pose);
 
 /** Evaluates the scene's own animation at a time (s, wrapped into its duration). Only spares are hidden. */
 void lw_pose_evaluate(struct lw_pose *pose, const struct lw_scene *scene, double time_s);
 
-/** Copies src to dst; both are of the same scene. */
+/** Copies src to dst; both are of the same scene. Transforms of nodes are copied if both have some. */
 void lw_pose_copy(struct lw_pose *dst, const struct lw_pose *src, const struct lw_scene *scene);
 
 /* The parts that may differ between two moments. */

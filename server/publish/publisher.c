@@ -168,6 +168,16 @@ void lw_publisher_want(struct lw_publisher *p, const uint8_t *levels) {
     }
 }
 
+/* What a scene's file has, and time 0. */
+static enum lw_status begin_pose(struct lw_pose *out_pose, const struct lw_scene *scene) {
+    struct lw_pose pose;
+    enum lw_status status = lw_pose_init(&pose, scene);
+    if (status != LW_OK) return status;
+    status = lw_pose_init_copy(out_pose, &pose, scene);
+    lw_pose_finish(&pose);
+    return status;
+}
+
 enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
                                    struct lw_publisher **out_publisher) {
     struct lw_publisher *p = calloc(1, sizeof *p);
@@ -186,7 +196,7 @@ enum lw_status lw_publisher_create(const struct lw_publisher_desc *desc,
     if (!p->news || !p->unlit || !p->keeps_state || !p->worker) goto fail;
     for (uint32_t o = 0; o < desc->atlas_map->object_count; o++) p->keeps_state[o] = !p->is_lean;
     if ((status = lw_white_init(&p->white, desc->atlas_map)) != LW_OK) goto fail;
-    if ((status = lw_pose_init(&p->previous, desc->scene)) != LW_OK) goto fail;
+    if ((status = begin_pose(&p->previous, desc->scene)) != LW_OK) goto fail;
     for (int i = 0; i < p->threads; i++) {
         if ((status = lw_tile_codec_create(&p->worker[i].codec)) != LW_OK) goto fail;
         status = LW_NO_MEMORY;

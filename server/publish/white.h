@@ -1,6 +1,6 @@
 /* white.h: the E that nearly all of a scene's light is under, which tells how dark looks black.
  * Flow:    solved tiles -> [white] -> publisher -> tile codec
- * Counted are means of all light over squares of 8 x 8 texels of level 0, each as often as the others. A value
+ * The values are means of all light over squares of 8 x 8 texels of level 0. Each square counts once. A value
  * is held as its bin alone: six bytes a square.
  * Threads: one worker notes a tile. lw_white_find() runs alone. */
 #ifndef LW_PUBLISH_WHITE_H
@@ -23,7 +23,7 @@ struct lw_white {
 LW_MUST_CHECK enum lw_status lw_white_init(struct lw_white *white, const struct lw_atlas_map *map);
 void lw_white_finish(struct lw_white *white);
 
-/** Takes the light of a tile of level 0 in place of what was noted of it. tile: with its planes of light. */
+/** Replaces what is held of a tile of level 0. tile: with its planes of light. */
 void lw_white_note(struct lw_white *white, lw_tile_id id, const struct lw_solver_tile *tile);
 
 /** White, W/m^2, up to a fifth too low: the lower end of its bin. 0: nothing was noted.

@@ -262,9 +262,8 @@ static enum lw_status allocate_plan(struct lw_cell_solver *s) {
 
 static enum lw_status build(struct lw_cell_solver *s, const struct lw_pose *pose, struct lw_error *err) {
     const struct lw_scene *scene = s->desc.scene;
-    enum lw_status status = lw_pose_init(&s->pose, scene);
+    enum lw_status status = lw_pose_init_copy(&s->pose, pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
-    lw_pose_copy(&s->pose, pose, scene);
     if (!s->geometry) {
         s->geometry = &s->own_geometry;
         const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.ranks ? 0 : s->desc.fine_tiles,

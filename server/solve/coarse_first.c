@@ -324,9 +324,7 @@ static enum lw_status init_builder(struct builder *b, const struct lw_solver_des
         if (!b->saved_folder) return LW_NO_MEMORY;
     }
     enum lw_status status = lw_scene_init_variant(&b->scene, desc->scene);
-    if (status == LW_OK) status = lw_pose_init(&b->pose, desc->scene);
-    if (status == LW_OK) lw_pose_copy(&b->pose, pose, desc->scene);
-    return status;
+    return status == LW_OK ? lw_pose_init_copy(&b->pose, pose, desc->scene) : status;
 }
 
 static enum lw_status build_coarse(struct coarse_first *s, const struct lw_solver_desc *desc,

@@ -126,10 +126,9 @@ static struct lw_geometry_edges *edges_start(const struct lw_geometry *geometry)
     struct lw_geometry_edges *edges = calloc(1, sizeof *edges);
     if (!edges) return NULL;
     edges->scene = geometry->scene;
-    if (lw_pose_init(&edges->pose, geometry->scene) == LW_OK) {
-        lw_pose_copy(&edges->pose, &geometry->pose, geometry->scene);
-        if (beside_start(&edges->beside, find_edges, edges)) return edges;
-    }
+    if (lw_pose_init_copy(&edges->pose, &geometry->pose, geometry->scene) == LW_OK &&
+        beside_start(&edges->beside, find_edges, edges))
+        return edges;
     edges_destroy(edges);
     return NULL;
 }
@@ -158,9 +157,8 @@ enum lw_status lw_geometry_init(struct lw_geometry *geometry, const struct lw_sc
                                 int threads, const _Atomic bool *cancel, struct lw_waiting *waiting,
                                 struct lw_error *err) {
     *geometry = (struct lw_geometry){.scene = scene, .threads = threads};
-    enum lw_status status = lw_pose_init(&geometry->pose, scene);
+    enum lw_status status = lw_pose_init_copy(&geometry->pose, pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
-    lw_pose_copy(&geometry->pose, pose, scene);
     if ((status = build_rays_and_texels(geometry, cancel, waiting, err)) != LW_OK) return status;
     const struct lw_geometry_terms at_once = {.saved = NULL};
     if ((status = lw_standing_init(&geometry->standing, scene, pose)) == LW_OK)
@@ -196,10 +194,9 @@ static struct lw_geometry_search *search_start(const struct lw_geometry *geometr
     if (!search) return NULL;
     *search = (struct lw_geometry_search){
         .scene = geometry->scene, .texels = &geometry->texels, .tiles = tiles, .ended = false};
-    if (lw_pose_init(&search->pose, geometry->scene) == LW_OK) {
-        lw_pose_copy(&search->pose, &geometry->pose, geometry->scene);
-        if (beside_start(&search->beside, search_in_thread, search)) return search;
-    }
+    if (lw_pose_init_copy(&search->pose, &geometry->pose, geometry->scene) == LW_OK &&
+        beside_start(&search->beside, search_in_thread, search))
+        return search;
     search_destroy(search);
     return NULL;
 }

@@ -736,7 +736,7 @@ static enum lw_status build_layer(struct layers *s, uint32_t k, struct lw_error 
     const struct lw_scene *scene = s->desc.scene;
     layer->light = calloc(scene->light_count + scene->material_count + 2ul, sizeof *layer->light);
     if (!layer->light || lw_scene_init_variant(&layer->scene, scene) != LW_OK ||
-        lw_pose_init(&layer->pose, scene) != LW_OK)
+        lw_pose_init_copy(&layer->pose, &s->pose, scene) != LW_OK)
         return lw_status_fail(err, LW_NO_MEMORY, "layer of light");
     if (s->groups.sky != k) layer->scene.environment = (struct lw_environment){0};
     list_lights(s, k);
@@ -755,9 +755,8 @@ static enum lw_status build_layer(struct layers *s, uint32_t k, struct lw_error 
 }
 
 static enum lw_status build(struct layers *s, const struct lw_pose *pose, struct lw_error *err) {
-    enum lw_status status = lw_pose_init(&s->pose, s->desc.scene);
+    enum lw_status status = lw_pose_init_copy(&s->pose, pose, s->desc.scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
-    lw_pose_copy(&s->pose, pose, s->desc.scene);
     const struct lw_geometry_terms terms = {s->desc.saved_texels, s->desc.fine_tiles, s->desc.fine_when,
                                             s->desc.atlas_map};
     status = lw_geometry_init(&s->geometry, s->desc.scene, &s->pose, &terms, s->threads, s->desc.cancel,

@@ -393,9 +393,8 @@ static bool allocate(struct lw_patch_solver *s) {
 
 static enum lw_status build(struct lw_patch_solver *s, const struct lw_pose *pose, struct lw_error *err) {
     const struct lw_scene *scene = s->desc.scene;
-    enum lw_status status = lw_pose_init(&s->pose, scene);
+    enum lw_status status = lw_pose_init_copy(&s->pose, pose, scene);
     if (status != LW_OK) return lw_status_fail(err, status, "poses");
-    lw_pose_copy(&s->pose, pose, scene);
     const struct lw_geometry_terms terms = {.saved = s->desc.saved_texels};
     status = lw_geometry_init(&s->geometry, scene, &s->pose, &terms, s->threads, s->desc.cancel,
                               s->desc.waiting, err);

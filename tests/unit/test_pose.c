@@ -239,6 +239,30 @@ static bool moves(const struct lw_scene *scene, uint32_t object) {
     return answer;
 }
 
+/* A copy has what a moment of the scene shows, and follows others. */
+static void a_copy_has_no_nodes(void **state) {
+    (void)state;
+    static const float times[] = {0, 2}, ways[] = {0, 0, 0, 4, 0, 0};
+    struct lw_channel channels[] = {
+        {0, LW_CHANNEL_TRANSLATION, LW_INTERPOLATION_LINEAR, 2, times, ways},
+    };
+    struct lw_scene *scene = build(&still, 1, channels, 1, 2);
+    struct lw_pose pose, copy;
+    lw_support_ok(lw_pose_init(&pose, scene), NULL);
+    lw_pose_evaluate(&pose, scene, 1);
+    lw_support_ok(lw_pose_init_copy(&copy, &pose, scene), NULL);
+    assert_null(copy.node_to_world);
+    assert_true(lw_pose_equal(&pose, &copy, scene));
+    assert_true(lw_pose_object_moves(&copy, scene, 0));
+    lw_pose_evaluate(&pose, scene, 2);
+    assert_false(lw_pose_equal(&pose, &copy, scene));
+    lw_pose_copy(&copy, &pose, scene);
+    assert_true(lw_pose_equal(&pose, &copy, scene));
+    lw_pose_finish(&copy);
+    lw_pose_finish(&pose);
+    lw_scene_destroy(scene);
+}
+
 /* Colour times factor, whatever the order of the channels; a curve that dips below 0 is dark there. */
 static void lights_are_dimmed_and_coloured(void **state) {
     (void)state;
@@ -382,6 +406,7 @@ int main(void) {
         cmocka_unit_test(cubic_splines_reproduce_a_cubic),
         cmocka_unit_test(in_tangents_and_out_tangents_are_reported_apart),
         cmocka_unit_test(cubic_rotations_are_unit_and_scales_scale),
+        cmocka_unit_test(a_copy_has_no_nodes),
         cmocka_unit_test(lights_are_dimmed_and_coloured),
         cmocka_unit_test(what_moves_is_what_has_a_channel_above_it),
         cmocka_unit_test(what_moves_is_found_fast),

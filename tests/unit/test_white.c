@@ -17,7 +17,7 @@ struct world {
     bool hidden[2];
 };
 
-static void init(struct world *w) {
+static void init_world(struct world *w) {
     memset(w, 0, sizeof *w);
     w->mesh[0].atlas_width = w->mesh[0].atlas_height = 2 * SIDE;
     w->mesh[1].atlas_width = w->mesh[1].atlas_height = SMALL;
@@ -27,7 +27,7 @@ static void init(struct world *w) {
     lw_support_ok(lw_white_init(&w->white, &w->map), NULL);
 }
 
-static void finish(struct world *w) {
+static void finish_world(struct world *w) {
     lw_white_finish(&w->white);
     lw_atlas_map_finish(&w->map);
 }
@@ -68,62 +68,62 @@ static void expect_white(const struct world *w, float expected) {
 static void test_no_light_has_no_white(void **state) {
     (void)state;
     struct world w;
-    init(&w);
+    init_world(&w);
     assert_true(lw_white_find(&w.white, w.hidden) == 0);
     note_large(&w, 0);
     assert_true(lw_white_find(&w.white, w.hidden) == 0);
-    finish(&w);
+    finish_world(&w);
 }
 
 static void test_white_is_what_nearly_all_light_is_under(void **state) {
     (void)state;
     struct world w;
     const lw_tile_id id = {0};
-    init(&w);
+    init_world(&w);
     note_large(&w, 3);
     expect_white(&w, 3);
     note(&w, id, 8, 1000, 3); /* a row of eight squares of 256 */
     expect_white(&w, 1000);
-    note(&w, id, 0, 0, 3); /* in place of what was noted before */
+    note(&w, id, 0, 0, 3); /* replaces the last one */
     expect_white(&w, 3);
-    finish(&w);
+    finish_world(&w);
 }
 
 /* Such as the cage of a lamp. */
 static void test_a_small_object_counts_by_its_squares(void **state) {
     (void)state;
     struct world w;
-    init(&w);
+    init_world(&w);
     note_small(&w, 0, 0, 1000);
     expect_white(&w, 1000);
     note_large(&w, 3);
     expect_white(&w, 3);
-    finish(&w);
+    finish_world(&w);
 }
 
 static void test_hidden_objects_do_not_count(void **state) {
     (void)state;
     struct world w;
-    init(&w);
+    init_world(&w);
     note_large(&w, 3);
     note_small(&w, 0, 0, 1000);
     w.hidden[0] = true;
     expect_white(&w, 1000);
     w.hidden[1] = true;
     expect_white(&w, 0);
-    finish(&w);
+    finish_world(&w);
 }
 
-/* Of those texels that have surface. */
+/* Texels without surface do not count. */
 static void test_a_square_is_its_mean(void **state) {
     (void)state;
     struct world w;
-    init(&w);
+    init_world(&w);
     note_small(&w, 2, 2048, 0);
     expect_white(&w, 2048);
     note_small(&w, 2, 2048, 1e-30f);
     expect_white(&w, 512);
-    finish(&w);
+    finish_world(&w);
 }
 
 int main(void) {
