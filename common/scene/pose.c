@@ -193,8 +193,7 @@ static void evaluate_locals(struct lw_pose *pose, const struct lw_scene *scene) 
     for (uint32_t i = 0; i < scene->channel_count; i++) {
         const struct lw_channel *channel = &scene->channel[i];
         const struct lw_pose_local of = {.node = channel->node};
-        struct lw_pose_local *local =
-            bsearch(&of, pose->local, pose->local_count, sizeof of, compare_nodes);
+        struct lw_pose_local *local = bsearch(&of, pose->local, pose->local_count, sizeof of, compare_nodes);
         LW_INVARIANT(local);
         switch ((enum lw_channel_path)channel->path) {
         case LW_CHANNEL_TRANSLATION:

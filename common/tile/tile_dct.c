@@ -35,7 +35,7 @@
 /* A quarter of a tile's blocks may be dark. The scale is at most this multiple of their light. It is at
  * least DARK_PART_LEAST of the scale for the whole tile. */
 #define DARK_PART_SCALES 4.0f
-#define DARK_PART_LEAST  (1 / 16.0f)
+#define DARK_PART_LEAST  (1 / 128.0f)
 
 /* Coefficients are rounded down from a bit over the half: zeros are cheap, and the lost part is mostly
  * noise. More than this costs in contrast: with 0.38 errors at borders of charts grew by half for 8 % of the

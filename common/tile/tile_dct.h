@@ -68,7 +68,7 @@ size_t lw_tile_dct_coefficients_size(const struct lw_tile_channel *channel, uint
 size_t lw_tile_dct_history_size(const struct lw_tile_channel *channel, uint32_t width, uint32_t height);
 
 /** Light under this share of `dark` is black at any exposure. */
-#define LW_TILE_DCT_BLACK 0x1p-12f
+#define LW_TILE_DCT_BLACK 0x1p-15f
 
 /** Texels to be encoded, and options.
  * rgb        width * height, at most LW_TILE_SIDE each, of a float per plane

@@ -129,8 +129,7 @@ enum lw_status lw_publisher_set_channels(struct lw_publisher *p, uint32_t channe
         channels |= lw_tile_channel_bit(lw_tile_channel_at(moment)->follows);
     enum lw_status status = LW_OK;
     for (unsigned f = 0; status == LW_OK && f < LW_TILE_CHANNELS_MAX; f++)
-        if (channels >> f & 1 && !p->channel[f])
-            status = create_channel(p->desc.atlas_map, f, &made[f]);
+        if (channels >> f & 1 && !p->channel[f]) status = create_channel(p->desc.atlas_map, f, &made[f]);
     for (unsigned f = 0; f < LW_TILE_CHANNELS_MAX; f++) {
         if (status != LW_OK) {
             destroy_channel(p->desc.atlas_map, made[f]);
@@ -269,8 +268,7 @@ static enum lw_status make_levels(struct lw_publisher *p, struct worker *worker,
     struct lw_levels *levels = malloc(sizeof *levels);
     LW_INVARIANT(!channel->levels[object]);
     if (!levels) return LW_NO_MEMORY;
-    const enum lw_status status =
-        lw_levels_init(levels, channel->number, p->desc.atlas_map->atlas[object]);
+    const enum lw_status status = lw_levels_init(levels, channel->number, p->desc.atlas_map->atlas[object]);
     if (status != LW_OK) {
         free(levels);
         return status;

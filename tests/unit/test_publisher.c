@@ -455,8 +455,8 @@ static void test_dark_beside_what_is_drawn(void **state) {
     float scale;
     for (uint32_t i = 0; i < SIDE * SIDE; i++)
         for (int c = 0; c < 3; c++) {
-            split[c][i] = 1;
-            if (i < SIDE * SIDE / 32) light[c][i] = 2048;
+            split[c][i] = 16;
+            light[c][i] = i < SIDE * SIDE / 32 ? 2048 : 16;
         }
     struct lw_snapshot *s = publish(&w, 1);
     decode(&w, s->tile[LW_TILE_CHANNEL_SPLIT][0].blob, 1, 0, NULL, rgb, &scale);
