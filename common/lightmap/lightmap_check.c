@@ -3,6 +3,7 @@
 #include "common/base/union_find.h"
 #include "common/lightmap/lightmap.h"
 #include "common/lightmap/lightmap_topology.h"
+#include "common/scene/mesh_weld.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -187,7 +188,7 @@ static enum lw_status find_pieces(const struct lw_lightmap_map *map, uint32_t *o
     uint32_t *parent = malloc((corners + 1) * sizeof *parent), *next = malloc((corners + 1) * sizeof *next);
     uint32_t *head = malloc(((size_t)mesh->vertex_count + 1) * sizeof *head), weld_count;
     enum lw_status status = weld && parent && next && head ? LW_OK : LW_NO_MEMORY;
-    if (status == LW_OK) status = lw_lightmap_topology_weld(mesh, weld, &weld_count);
+    if (status == LW_OK) status = lw_mesh_weld(mesh, weld, &weld_count);
     if (status == LW_OK) {
         memset(head, 0xff, (size_t)mesh->vertex_count * sizeof *head);
         for (uint32_t c = 0; c < corners; c++) {

@@ -40,8 +40,4 @@ static inline bool lw_lightmap_topology_is_fine(const struct lw_lightmap_topolog
     return 2 * topology->area[triangle] < fmaxf(side[0], fmaxf(side[1], side[2]));
 }
 
-/** Numbers the distinct positions of a mesh, in order of first use. out_weld: vertex_count entries. */
-LW_MUST_CHECK enum lw_status lw_lightmap_topology_weld(const struct lw_mesh *mesh, uint32_t *out_weld,
-                                                       uint32_t *out_weld_count);
-
 #endif

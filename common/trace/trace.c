@@ -5,6 +5,7 @@
 #include "common/base/wide.h"
 #include "common/trace/trace_context.h"
 #include "common/trace/trace_isa.h"
+#include "common/trace/trace_positions.h"
 
 #include <pthread.h>
 #include <stdatomic.h>
@@ -58,6 +59,7 @@ struct lw_trace {
     struct rebuild *rebuild; /* while any is; else NULL */
     RTCScene moving;         /* an instance for each object that moves; NULL if none does */
     struct geometry *geometry;
+    struct lw_trace_positions *positions; /* per mesh */
     uint32_t *mover_of_object;
     struct mover *mover;
     uint32_t mover_count;
@@ -213,18 +215,21 @@ static bool mesh_has_alpha(const struct lw_scene *scene, const struct lw_mesh *m
 static enum lw_status attach_object(struct lw_trace *trace, RTCScene into, uint32_t object,
                                     const struct lw_affine *transform) {
     const struct lw_mesh *mesh = &trace->scene->mesh[trace->scene->object[object].mesh];
+    const struct lw_trace_positions *distinct = &trace->positions[trace->scene->object[object].mesh];
+    const uint32_t count = distinct->count ? distinct->count : mesh->vertex_count;
     RTCGeometry geometry = rtcNewGeometry(trace->device, RTC_GEOMETRY_TYPE_TRIANGLE);
     if (!geometry) return LW_NO_MEMORY;
     struct lw_vec3 *position = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                       sizeof *position, mesh->vertex_count);
+                                                       sizeof *position, count);
     if (!position) {
         rtcReleaseGeometry(geometry);
         return LW_NO_MEMORY;
     }
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh->triangle, 0,
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                               distinct->count ? distinct->triangle : mesh->triangle, 0,
                                sizeof *mesh->triangle, mesh->triangle_count);
-    for (uint32_t i = 0; i < mesh->vertex_count; i++)
-        position[i] = lw_affine_point(transform, mesh->position[i]);
+    for (uint32_t i = 0; i < count; i++)
+        position[i] = lw_affine_point(transform, mesh->position[distinct->count ? distinct->vertex[i] : i]);
 
     struct geometry *g = &trace->geometry[object];
     *g = (struct geometry){.scene = trace->scene,
@@ -442,7 +447,8 @@ enum lw_status lw_trace_create(const struct lw_scene *scene, const struct lw_pos
     trace->mover = calloc(count, sizeof *trace->mover);
     trace->left = calloc(count, sizeof *trace->left);
     enum lw_status status = LW_NO_MEMORY;
-    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->left) {
+    if (!trace->geometry || !trace->mover_of_object || !trace->mover || !trace->left ||
+        lw_trace_positions_list(scene, &trace->positions) != LW_OK) {
         lw_status_fail(err, status, "building the rays' structure");
         goto fail;
     }
@@ -473,6 +479,7 @@ void lw_trace_destroy(struct lw_trace *trace) {
     if (trace->moving) rtcReleaseScene(trace->moving);
     if (trace->fixed) rtcReleaseScene(trace->fixed);
     if (trace->device) rtcReleaseDevice(trace->device);
+    lw_trace_positions_free(trace->positions, trace->scene);
     free(trace->left);
     free(trace->mover);
     free(trace->mover_of_object);
