@@ -301,7 +301,7 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
     for (uint32_t id = tiles.first; id < tiles.end; id++) {
         struct lw_solver_tile tile;
         p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
-        if ((tile.solved_frame < since || !tile.sample_count) && lw_solver_tile_has_surface(&tile))
+        if ((tile.solved_frame < since || !tile.sample_count) && tile.has_surface)
             return false;
     }
     return true;

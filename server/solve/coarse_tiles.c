@@ -16,10 +16,11 @@
 static const float black[LW_TILE_TEXELS_MAX];
 
 struct lw_coarse_tiles_tile {
-    uint8_t *covered, *filled; /* NULL: it was not updated yet */
+    uint8_t *covered, *filled; /* NULL: they are not held */
     float *plane;              /* all planes, one after another; NULL: they are not held */
     uint32_t sample_count, bounces;
     uint64_t solved_frame;
+    bool is_known, has_surface; /* is_known: it was updated */
 };
 
 struct patch {
@@ -203,17 +204,24 @@ static struct block block_at(const struct lw_tile_place *place, uint32_t x, uint
                           .height = place->height - y < SIDE ? place->height - y : SIDE};
 }
 
-static void mark(struct lw_coarse_tiles_tile *tile, const struct lw_tile_place *place,
+static void mark(uint8_t *covered_texels, uint8_t *filled_texels, const struct lw_tile_place *place,
                  const struct patch *patch) {
     for (uint32_t by = 0; by < place->height; by += SIDE)
         for (uint32_t bx = 0; bx < place->width; bx += SIDE) {
             const struct block block = block_at(place, bx, by);
             const bool covered = patch->covered[block.own], lit = patch->lit[block.own];
             for (uint32_t y = by; y < by + block.height; y++) {
-                memset(tile->covered + y * place->width + bx, covered, block.width);
-                memset(tile->filled + y * place->width + bx, lit && !covered, block.width);
+                memset(covered_texels + y * place->width + bx, covered, block.width);
+                memset(filled_texels + y * place->width + bx, lit && !covered, block.width);
             }
         }
+}
+
+static bool has_surface(const struct lw_tile_place *place, const struct patch *patch) {
+    for (uint32_t y = 0; y < place->height; y += SIDE)
+        for (uint32_t x = 0; x < place->width; x += SIDE)
+            if (patch->covered[block_at(place, x, y).own]) return true;
+    return false;
 }
 
 static void interpolate(float *plane, const struct lw_tile_place *place, const struct patch *patch,
@@ -252,7 +260,7 @@ static void read_around(const struct lw_coarse_tiles *tiles, const struct lw_sol
     }
 }
 
-/* with_planes: of light, too, which mark() does not read. */
+/* with_planes: of light, too, which mark() and has_surface() do not read. */
 static void make_patch(const struct lw_coarse_tiles *tiles, const struct around *around, bool with_planes,
                        struct patch *out) {
     if (with_planes) /* weights of 0 read it */
@@ -264,15 +272,14 @@ static void make_patch(const struct lw_coarse_tiles *tiles, const struct around 
                   &tiles->coarse_map->place[around->below.id[i].v], with_planes, tiles->channels);
 }
 
-static bool allocate(const struct lw_coarse_tiles *tiles, struct lw_coarse_tiles_tile *tile,
-                     const struct lw_tile_place *place) {
+static bool hold_planes(const struct lw_coarse_tiles *tiles, struct lw_coarse_tiles_tile *tile,
+                        const struct lw_tile_place *place) {
     const size_t count = (size_t)place->width * place->height;
-    if (tile->covered) return true;
+    if (tile->plane) return true;
     tile->covered = calloc(2 * count, 1);
     tile->filled = tile->covered ? tile->covered + count : NULL;
-    if (tiles->holds_planes)
-        tile->plane = malloc(count * count_planes(tiles->channels) * sizeof *tile->plane);
-    if (tile->covered && (tile->plane || !tiles->holds_planes)) return true;
+    tile->plane = malloc(count * count_planes(tiles->channels) * sizeof *tile->plane);
+    if (tile->covered && tile->plane) return true;
     forget(tile);
     return false;
 }
@@ -283,8 +290,8 @@ static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *s
     struct lw_coarse_tiles_tile *tile = &tiles->tile[id];
     struct around around;
     read_around(tiles, solver, id, &around);
-    if (tile->covered && around.solved_frame <= tile->solved_frame) return true;
-    if (!allocate(tiles, tile, place)) return false;
+    if (tile->is_known && around.solved_frame <= tile->solved_frame) return true;
+    if (tiles->holds_planes && !hold_planes(tiles, tile, place)) return false;
     make_patch(tiles, &around, tiles->holds_planes, patch);
     tile->sample_count = UINT32_MAX;
     for (uint32_t i = 0; i < around.below.count; i++)
@@ -292,8 +299,11 @@ static bool update_tile(struct lw_coarse_tiles *tiles, const struct lw_solver *s
             tile->sample_count = around.tile[i].sample_count;
     tile->bounces = around.tile[0].bounces;
     tile->solved_frame = around.solved_frame;
-    mark(tile, place, patch);
-    if (tile->plane) interpolate(tile->plane, place, patch, count_planes(tiles->channels));
+    tile->is_known = true;
+    tile->has_surface = has_surface(place, patch);
+    if (!tile->plane) return true;
+    mark(tile->covered, tile->filled, place, patch);
+    interpolate(tile->plane, place, patch, count_planes(tiles->channels));
     return true;
 }
 
@@ -344,15 +354,16 @@ void lw_coarse_tiles_read(const struct lw_coarse_tiles *tiles, lw_tile_id id,
                           struct lw_solver_tile *out_tile) {
     const struct lw_tile_place *place = &tiles->map->place[id.v];
     const struct lw_coarse_tiles_tile *tile = &tiles->tile[id.v];
-    LW_INVARIANT(id.v < tiles->map->plain_count && is_used(tiles, id.v) && tile->covered);
+    LW_INVARIANT(id.v < tiles->map->plain_count && is_used(tiles, id.v) && tile->is_known);
     *out_tile = (struct lw_solver_tile){.covered = tile->covered,
                                         .filled = tile->filled,
                                         .width = place->width,
                                         .height = place->height,
                                         .bounces = tile->bounces,
                                         .sample_count = tile->sample_count,
-                                        .solved_frame = tile->solved_frame};
-    out_tile->error = lw_solver_tile_has_surface(out_tile) ? LW_ATLAS_COARSE_ERROR : 0;
+                                        .error = tile->has_surface ? LW_ATLAS_COARSE_ERROR : 0,
+                                        .solved_frame = tile->solved_frame,
+                                        .has_surface = tile->has_surface};
     if (tile->plane) set_planes(tiles, tile->plane, (size_t)place->width * place->height, out_tile);
 }
 
@@ -364,6 +375,9 @@ void lw_coarse_tiles_read_planes(const struct lw_coarse_tiles *tiles, const stru
     struct patch patch;
     read_around(tiles, solver, id.v, &around);
     make_patch(tiles, &around, true, &patch);
+    mark(room->covered, room->filled, place, &patch);
+    read_tile->covered = room->covered;
+    read_tile->filled = room->filled;
     interpolate(room->plane[0], place, &patch, count_planes(tiles->channels));
     set_planes(tiles, room->plane[0], (size_t)place->width * place->height, read_tile);
 }

@@ -2,7 +2,7 @@
  * Flow:    tiles of a solver of the coarse scene -> [coarse_tiles] -> tiles of level 0 of the scene
  * Threads: update: one call at a time, workers inside; read: [any] between two updates.
  * Memory:  planes of each tile, if they are held: so the coarse scene's solver may go. Else they are worked
- *          out when a tile is read, and a texel has two bytes.
+ *          out when a tile is read.
  *
  * Coarse texels are interpolated bilinearly, those of one chart among themselves, for coarse charts have no
  * gutters between them. The mean over a block of 4 x 4 texels is its coarse texel, so level 2 of the atlas is
@@ -18,7 +18,7 @@
 
 /** Whether a tile's own light, of whatever solver, is to be read in the place of coarse light. */
 static inline bool lw_coarse_tiles_end(const struct lw_solver_tile *tile) {
-    return tile->sample_count >= LW_COARSE_TILES_FRAMES || !lw_solver_tile_has_surface(tile);
+    return tile->sample_count >= LW_COARSE_TILES_FRAMES || !tile->has_surface;
 }
 
 struct lw_coarse_tiles_tile;

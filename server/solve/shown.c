@@ -78,7 +78,8 @@ void lw_shown_read_tile(const struct lw_shown *s, lw_tile_id id, uint32_t bounce
                                         .sample_count = tile->light.sample_count,
                                         .error = tile->covered_count ? tile->light.error : 0,
                                         .solved_frame = tile->light.solved_frame,
-                                        .converged = tile->light.state == LW_BLOCK_CONVERGED};
+                                        .converged = tile->light.state == LW_BLOCK_CONVERGED,
+                                        .has_surface = tile->covered_count > 0};
     for (int c = 0; c < 3; c++) {
         out_tile->direct[c] = tiles->direct[c] + tile->first;
         out_tile->indirect[c] = tiles->indirect[c] + tile->first;

@@ -12,7 +12,6 @@
 #include "server/solve/surface/packed_albedo.h"
 
 #include <stdatomic.h>
-#include <string.h>
 
 #define LW_SOLVER_BOUNCES_MAX 16u
 
@@ -119,8 +118,8 @@ struct lw_solver_tile {
      * channel is not shown (choose_channels()). */
     const float *shown[LW_TILE_CHANNELS_MAX][LW_TILE_CHANNEL_PLANES_MAX];
     const struct lw_packed_albedo *albedo; /* mean over each texel; NULL: of a finer level, unless for maps */
-    const uint8_t *covered;                /* 1: the texel has surface */
-    const uint8_t *filled; /* 1: gutter with light and albedo of its chart; NULL: there is none */
+    const uint8_t *covered; /* 1: the texel has surface. NULL where `direct` is: the planes are not held */
+    const uint8_t *filled;  /* 1: gutter with light and albedo of its chart; NULL: there is none */
     /* The chart that covers a texel, or reads it in bilinear look-ups (surface/texels.h); NULL: not known. */
     const uint32_t *chart;
     uint32_t width, height;
@@ -129,18 +128,15 @@ struct lw_solver_tile {
     float error;           /* estimated relative standard error, always relative to all light */
     uint64_t solved_frame; /* last frame that changed its shown planes; 0: none */
     bool converged;        /* it needs no frame until its light changes */
+    bool has_surface;      /* a texel has */
 };
 
 /** Room for planes of one tile that its solver does not hold. */
 #define LW_SOLVER_PLANES_MAX (3 + LW_TILE_CHANNELS_MAX * LW_TILE_CHANNEL_PLANES_MAX)
 struct lw_solver_room {
     float plane[LW_SOLVER_PLANES_MAX][LW_TILE_TEXELS_MAX];
+    uint8_t covered[LW_TILE_TEXELS_MAX], filled[LW_TILE_TEXELS_MAX];
 };
-
-/** Whether any texel has surface. */
-static inline bool lw_solver_tile_has_surface(const struct lw_solver_tile *tile) {
-    return memchr(tile->covered, 1, (size_t)tile->width * tile->height) != NULL;
-}
 
 struct lw_solver {
     const struct lw_solver_ops *ops;
@@ -176,7 +172,7 @@ struct lw_solver_ops {
     /** Whether it holds a tile of a finer level, lit or not. NULL: it holds none. */
     bool (*holds_fine)(const struct lw_solver *solver, lw_tile_id tile);
     /** Reads a tile of level 0, or one that list_fine() lists. Where the solver does not hold its planes,
-     * `direct` is NULL. [any] between two frames */
+     * `direct` and `covered` are NULL. [any] between two frames */
     void (*read_tile)(const struct lw_solver *solver, lw_tile_id tile, struct lw_solver_tile *out_tile);
     /** Works out the planes of a tile that read_tile() has read without them. They lie in `room`. NULL: the
      * solver holds the planes of all tiles. [any] between two frames */

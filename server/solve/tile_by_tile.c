@@ -150,7 +150,7 @@ static bool begin_tiles(struct tile_by_tile *s) {
 }
 
 static bool is_finished(const struct lw_solver_tile *tile) {
-    return tile->solved_frame && (tile->converged || !lw_solver_tile_has_surface(tile));
+    return tile->solved_frame && (tile->converged || !tile->has_surface);
 }
 
 /* Writes tiles that have converged. *out_count: how many */
@@ -235,7 +235,9 @@ static void read_kept(const struct tile_by_tile *s, lw_tile_id id, struct lw_sol
                                         .sample_count = from->sample_count,
                                         .error = from->error,
                                         .solved_frame = 1,
-                                        .converged = true};
+                                        .converged = true,
+                                        .has_surface =
+                                            memchr(from->covered, 1, place->width * place->height) != NULL};
     LW_TILE_CHANNELS_EACH (channel, s->how.channels)
         for (uint32_t p = 0; p < lw_tile_channel_at(channel)->planes; p++)
             out_tile->shown[channel][p] = from->plane[plane++];

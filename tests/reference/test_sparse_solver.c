@@ -194,7 +194,7 @@ static void the_rest_is_coarse(void **state) {
     step(&s, next, 20);
     for (uint32_t id = 0; id < s.map.plain_count; id++) {
         const struct lw_solver_tile tile = s.map.place[id].level ? (struct lw_solver_tile){0} : read(&s, id);
-        if (s.map.place[id].level || !lw_solver_tile_has_surface(&tile)) continue;
+        if (s.map.place[id].level || !tile.has_surface) continue;
         assert_int_equal(tile.error == LW_ATLAS_COARSE_ERROR, s.map.place[id].object != 0);
     }
     room_finish(&s);

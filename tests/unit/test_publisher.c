@@ -31,7 +31,8 @@ static void read_tile(const struct lw_solver *solver, lw_tile_id id, struct lw_s
                                     .bounces = 2,
                                     .sample_count = 1,
                                     .error = fine_is_there && id.v != fine.v ? error_below : error,
-                                    .solved_frame = solved_frame};
+                                    .solved_frame = solved_frame,
+                                    .has_surface = true};
 }
 
 static uint32_t list_fine(const struct lw_solver *solver, const lw_tile_id **out_tile) {
