@@ -1,8 +1,8 @@
 /* trace_positions.h: the distinct positions of meshes, for the rays' structure.
  * Flow:    meshes -> [trace_positions] -> trace
  * The structure holds the vertices of each static object in world space. A box has 24 vertices in a file, for
- * its normals, at eight positions. Triangles that count these are a copy. So a mesh has such a list only where
- * its objects save more by it.
+ * its normals, at eight positions. Triangles that count positions are a copy. So a mesh has such a list only
+ * where its objects save more by it.
  * Threads: pure functions, [any]. */
 #ifndef LW_COMMON_TRACE_POSITIONS_H
 #define LW_COMMON_TRACE_POSITIONS_H
