@@ -23,7 +23,7 @@ struct lw_white {
 LW_MUST_CHECK enum lw_status lw_white_init(struct lw_white *white, const struct lw_atlas_map *map);
 void lw_white_finish(struct lw_white *white);
 
-/** Replaces what is held of a tile of level 0. tile: with its planes of light. */
+/** Replaces the values of a tile of level 0. tile: with its planes of light. */
 void lw_white_note(struct lw_white *white, lw_tile_id id, const struct lw_solver_tile *tile);
 
 /** White, W/m^2, up to a fifth too low: the lower end of its bin. 0: nothing was noted.

@@ -171,8 +171,11 @@ static void run_direct(struct lw_cell_light *light) {
 static void run_bounces(struct lw_cell_light *light) {
     struct lw_cell_solver *s = light->s;
     if (s->desc.bounces && light->changing) run_pass(light, LW_WORK_TILES, PASS_QUIET, reread, 0);
-    if (s->desc.bounces)
-        light->stats->rays_bounce += run_pass(light, LW_WORK_TILES, PASS_STEPS, trace_bounces, 0).bounce;
+    if (s->desc.bounces) {
+        const struct lw_ray_count rays = run_pass(light, LW_WORK_TILES, PASS_STEPS, trace_bounces, 0);
+        light->stats->rays_bounce += rays.bounce;
+        light->stats->rays_shadow += rays.shadow;
+    }
     run_pass(light, LW_WORK_CHEAP, PASS_QUIET, weigh_indirect, 0);
     lw_cell_light_charge(light, &light->stats->scatter_ns);
     if (s->has_probes) gather_probes(light);

@@ -7,6 +7,7 @@
 #include "common/light/direction.h"
 #include "server/solve/surface/wall_sides.h"
 #include "server/solve/transport/hit_gloss.h"
+#include "server/solve/transport/hit_sun.h"
 #include "server/solve/transport/ray_hit.h"
 
 #include <math.h>
@@ -166,7 +167,7 @@ static uint32_t read_beside(const struct lw_transport *t, const struct flight *f
 }
 
 /* Reads texels for the ends of a packet's rays on surfaces. */
-static void read_surfaces(const struct lw_transport *t, struct flight *f) {
+static void read_surfaces(const struct lw_transport *t, struct flight *f, struct lw_ray_count *count) {
     const struct lw_wall_sides sides = {.texels = t->texels, .pose = t->pose, .trace = t->trace};
     uint16_t surfaces = 0, seen = 0;
     for (uint32_t lane = 0; lane < LANES; lane++)
@@ -174,6 +175,7 @@ static void read_surfaces(const struct lw_transport *t, struct flight *f) {
     lw_wall_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (surfaces >> lane & 1 && f->hit[lane] != LW_TEXEL_NONE) seen |= (uint16_t)(1u << lane);
+    lw_hit_sun_read16(t, seen, f->texel, &f->rays, &f->hits, f->hit, count);
     for (uint32_t lane = 0; seen && lane < LANES; lane++)
         if (surfaces >> lane & 1 && f->hit[lane] == LW_TEXEL_NONE)
             f->hit[lane] = read_beside(t, f, seen, lane);
@@ -184,8 +186,8 @@ static uint16_t pack_direction(const struct lw_ray16 *rays, uint32_t lane) {
 }
 
 /* Notes the texels that a packet's rays read. */
-static void note_hits(const struct lw_transport *t, struct flight *f) {
-    read_surfaces(t, f);
+static void note_hits(const struct lw_transport *t, struct flight *f, struct lw_ray_count *count) {
+    read_surfaces(t, f, count);
     for (uint32_t lane = 0; lane < LANES; lane++)
         LW_INVARIANT_DEAR(!(f->active >> lane & 1) || can_be_read(t, f->hit[lane]));
     for (uint32_t lane = 0; lane < LANES; lane++)
@@ -206,14 +208,14 @@ static void note_hits(const struct lw_transport *t, struct flight *f) {
 /* One step for the two packets before the one that has been traced last. */
 static void move_on(const struct lw_transport *t, struct flights *flights, struct lw_ray_count *count) {
     if (flights->count > 1) find_hits(t, &flights->flight[(flights->count - 2) % FLIGHTS], count);
-    if (flights->count > 2) note_hits(t, &flights->flight[(flights->count - 3) % FLIGHTS]);
+    if (flights->count > 2) note_hits(t, &flights->flight[(flights->count - 3) % FLIGHTS], count);
 }
 
 /* The steps that are left. */
 static void land(const struct lw_transport *t, struct flights *flights, struct lw_ray_count *count) {
     if (flights->count > 0) find_hits(t, &flights->flight[(flights->count - 1) % FLIGHTS], count);
     for (uint32_t k = flights->count < 2 ? flights->count : 2; k > 0; k--)
-        note_hits(t, &flights->flight[(flights->count - k) % FLIGHTS]);
+        note_hits(t, &flights->flight[(flights->count - k) % FLIGHTS], count);
     flights->count = 0;
 }
 
