@@ -225,8 +225,8 @@ static enum lw_status attach_object(struct lw_trace *trace, RTCScene into, uint3
         rtcReleaseGeometry(geometry);
         return LW_NO_MEMORY;
     }
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                               distinct->count ? distinct->triangle : mesh->triangle, 0,
+    const void *triangle = distinct->count ? (const void *)distinct->triangle : mesh->triangle;
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, triangle, 0,
                                sizeof *mesh->triangle, mesh->triangle_count);
     for (uint32_t i = 0; i < count; i++)
         position[i] = lw_affine_point(transform, mesh->position[distinct->count ? distinct->vertex[i] : i]);
