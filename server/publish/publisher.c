@@ -252,18 +252,9 @@ static bool has_news(const struct lw_publisher *p, const struct channel *channel
     return tile.solved_frame >= since || !channel->sent[id].version;
 }
 
-/* Takes over the solver's light of a tile: into white, and into its object's pyramid if that is held. */
-static void load_tile(struct lw_publisher *p, struct worker *worker, struct channel *channel, uint32_t id) {
-    const struct lw_tile_place *place = &p->desc.atlas_map->place[id];
-    struct lw_solver_tile tile;
-    lw_solver_read_light(p->desc.solver, (lw_tile_id){id}, &worker->room, &tile);
-    if (channel->is->coding == LW_TILE_CODING_LIGHT) lw_white_note(&p->white, (lw_tile_id){id}, &tile);
-    if (channel->levels[place->object]) lw_levels_load_tile(channel->levels[place->object], place, &tile);
-}
-
 /* Makes the pyramid of an object. */
-static enum lw_status make_levels(struct lw_publisher *p, struct worker *worker, struct channel *channel,
-                                  uint32_t object) {
+static enum lw_status make_levels(const struct lw_publisher *p, struct worker *worker,
+                                  struct channel *channel, uint32_t object) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
     struct lw_levels *levels = malloc(sizeof *levels);
     LW_INVARIANT(!channel->levels[object]);
@@ -274,24 +265,34 @@ static enum lw_status make_levels(struct lw_publisher *p, struct worker *worker,
         return status;
     }
     channel->levels[object] = levels;
-    for (uint32_t id = tiles.first; id < tiles.end; id++) load_tile(p, worker, channel, id);
+    for (uint32_t id = tiles.first; id < tiles.end; id++) {
+        struct lw_solver_tile tile;
+        lw_solver_read_light(p->desc.solver, (lw_tile_id){id}, &worker->room, &tile);
+        lw_levels_load_tile(levels, &p->desc.atlas_map->place[id], &tile);
+    }
     if (tiles.first < tiles.end) lw_levels_build(levels);
     return LW_OK;
 }
 
-/* Brings an object's pyramid up to date with the solver, if it is held; false if no frame since that one
- * touched it. */
+/* Brings white, and an object's pyramid if it is held, up to date with the solver. Returns false if no frame
+ * since that one touched the object. */
 static bool refresh_levels(struct lw_publisher *p, struct worker *worker, struct channel *channel,
                            uint32_t object, uint64_t since) {
     const struct tile_range tiles = level0_of(p->desc.atlas_map, object);
+    const bool is_light = channel->is->coding == LW_TILE_CODING_LIGHT;
+    struct lw_levels *levels = channel->levels[object];
     bool changed = false;
     if (worker->status != LW_OK) return false;
     for (uint32_t id = tiles.first; id < tiles.end; id++) {
+        struct lw_solver_tile tile;
         if (!has_news(p, channel, id, since)) continue;
-        load_tile(p, worker, channel, id);
         changed = true;
+        if (!levels && !is_light) break; /* nothing takes its planes */
+        lw_solver_read_light(p->desc.solver, (lw_tile_id){id}, &worker->room, &tile);
+        if (is_light) lw_white_note(&p->white, (lw_tile_id){id}, &tile);
+        if (levels) lw_levels_load_tile(levels, &p->desc.atlas_map->place[id], &tile);
     }
-    if (changed && channel->levels[object]) lw_levels_build(channel->levels[object]);
+    if (changed && levels) lw_levels_build(levels);
     return changed;
 }
 
@@ -301,8 +302,7 @@ static bool is_lit(const struct lw_publisher *p, uint32_t object, uint64_t since
     for (uint32_t id = tiles.first; id < tiles.end; id++) {
         struct lw_solver_tile tile;
         p->desc.solver->ops->read_tile(p->desc.solver, (lw_tile_id){id}, &tile);
-        if ((tile.solved_frame < since || !tile.sample_count) && tile.has_surface)
-            return false;
+        if ((tile.solved_frame < since || !tile.sample_count) && tile.has_surface) return false;
     }
     return true;
 }
@@ -536,7 +536,7 @@ static void consider_tile(const struct lw_publisher *p, struct worker *worker, c
 }
 
 /* The pyramids that encoding an object's tiles of a channel reads. */
-static void ensure_levels(struct lw_publisher *p, struct worker *worker, struct channel *channel,
+static void ensure_levels(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
                           uint32_t object) {
     struct channel *irradiance = channel->is->moment ? p->channel[channel->is->follows] : NULL;
     if (worker->status == LW_OK && !channel->levels[object])
@@ -546,7 +546,7 @@ static void ensure_levels(struct lw_publisher *p, struct worker *worker, struct 
 }
 
 /* Pyramids are made again for an object that does not keep them, for as long as its tiles are encoded. */
-static void encode_object(struct lw_publisher *p, struct worker *worker, struct channel *channel,
+static void encode_object(const struct lw_publisher *p, struct worker *worker, struct channel *channel,
                           uint32_t object, uint64_t frame) {
     const struct lw_atlas_map *map = p->desc.atlas_map;
     struct channel *irradiance = channel->is->moment ? p->channel[channel->is->follows] : NULL;

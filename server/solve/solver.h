@@ -128,7 +128,7 @@ struct lw_solver_tile {
     float error;           /* estimated relative standard error, always relative to all light */
     uint64_t solved_frame; /* last frame that changed its shown planes; 0: none */
     bool converged;        /* it needs no frame until its light changes */
-    bool has_surface;      /* a texel has */
+    bool has_surface;      /* a texel of it is covered */
 };
 
 /** Room for planes of one tile that its solver does not hold. */

@@ -175,7 +175,7 @@ static void read_surfaces(const struct lw_transport *t, struct flight *f, struct
     lw_wall_sides_read16(&sides, surfaces, &f->rays, &f->hits, f->hit);
     for (uint32_t lane = 0; lane < LANES; lane++)
         if (surfaces >> lane & 1 && f->hit[lane] != LW_TEXEL_NONE) seen |= (uint16_t)(1u << lane);
-    lw_hit_sun_read16(t, seen, f->texel, &f->rays, &f->hits, f->hit, count);
+    lw_hit_sun_read16(t, seen, f->texel, f->rays.salt, &f->hits, f->hit, count);
     for (uint32_t lane = 0; seen && lane < LANES; lane++)
         if (surfaces >> lane & 1 && f->hit[lane] == LW_TEXEL_NONE)
             f->hit[lane] = read_beside(t, f, seen, lane);

@@ -11,7 +11,7 @@
 /* Light that a texel sends out, times pi, over that which the ray's own block has: weaker light does not
  * matter to it. */
 #define BRIGHT 1.0f
-/* Cosine under which the sun grazes a texel: what it gives there is no measure. */
+/* A texel that the sun meets at a smaller cosine is neither in the sun nor in the shade. */
 #define GRAZING 0.05f
 /* How far above its end a ray looks for the sun, in texels. */
 #define LIFT 1e-3f
@@ -117,11 +117,11 @@ static bool look_for_sun(const struct lw_transport *t, const struct lw_hit16 *hi
 }
 
 void lw_hit_sun_read16(const struct lw_transport *t, uint16_t active, const uint32_t from[LW_TRACE_WIDTH],
-                       const struct lw_ray16 *rays, const struct lw_hit16 *hits, uint32_t hit[LW_TRACE_WIDTH],
+                       uint32_t salt, const struct lw_hit16 *hits, uint32_t hit[LW_TRACE_WIDTH],
                        struct lw_ray_count *count) {
     if (!t->lights->sun_count && !(t->drawn && t->drawn->sun_count)) return;
     struct pair pair[LW_TRACE_WIDTH];
-    struct lw_ray16 looks = {.salt = rays->salt};
+    struct lw_ray16 looks = {.salt = salt};
     uint16_t asked = 0;
     for (uint32_t lane = 0; lane < LW_TRACE_WIDTH; lane++)
         if (active >> lane & 1 && is_bright(t, from[lane], hit[lane]) &&

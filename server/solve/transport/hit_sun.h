@@ -13,11 +13,11 @@
 /** Puts the texels to read in the place of those that a packet's rays read.
  * active  lanes that have ended on a texel of level 0, hit[lane]
  * from    the texel that a lane's ray is of
- * rays    as they were traced
+ * salt    of the rays that have ended there
  * Adds its shadow rays to the count: none where a texel and those around it are all in the sun or all in the
  * shade, or where light is weak. */
 void lw_hit_sun_read16(const struct lw_transport *transport, uint16_t active,
-                       const uint32_t from[LW_TRACE_WIDTH], const struct lw_ray16 *rays,
-                       const struct lw_hit16 *hits, uint32_t hit[LW_TRACE_WIDTH], struct lw_ray_count *count);
+                       const uint32_t from[LW_TRACE_WIDTH], uint32_t salt, const struct lw_hit16 *hits,
+                       uint32_t hit[LW_TRACE_WIDTH], struct lw_ray_count *count);
 
 #endif

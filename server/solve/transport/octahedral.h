@@ -1,5 +1,5 @@
-/* octahedral.h: functions of direction as square maps (octahedron.h), whose border (bordered_map.h) repeats
- * what lies across the fold.
+/* octahedral.h: functions of direction as square maps (octahedron.h), with a border (bordered_map.h) of the
+ * cells that the mapping joins to them.
  * Threads: pure functions, [any].
  * After:   Majercik et al. 2019 (bordered maps). */
 #ifndef LW_TRANSPORT_OCTAHEDRAL_H
