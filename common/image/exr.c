@@ -84,10 +84,26 @@ static exr_result_t write_header(exr_context_t context, int part, const struct l
     return result;
 }
 
+/* OpenEXR's own way to compress a chunk. */
+struct compression {
+    exr_result_t (*compress)(exr_encode_pipeline_t *pipeline);
+};
+
+/* Compresses a chunk. A reader takes a chunk that is as long as its pixels for pixels, so pixels are stored
+ * where the compressed ones are just as long (OpenEXR up to 3.4.7 stores these, its issue 2306). */
+static exr_result_t compress(exr_encode_pipeline_t *pipeline) {
+    const struct compression *compression = pipeline->encoding_user_data;
+    const exr_result_t result = compression->compress(pipeline);
+    if (!result && pipeline->compressed_bytes == pipeline->packed_bytes)
+        memcpy(pipeline->compressed_buffer, pipeline->packed_buffer, pipeline->packed_bytes);
+    return result;
+}
+
 static exr_result_t write_pixels(exr_context_t context, int part, const struct lw_image_exr *image) {
     int32_t lines = 1;
     exr_result_t result = exr_get_scanlines_per_chunk(context, part, &lines);
     exr_encode_pipeline_t pipeline = EXR_ENCODE_PIPELINE_INITIALIZER;
+    struct compression compression;
     for (int32_t y = 0; y < (int32_t)image->height && !result; y += lines) {
         exr_chunk_info_t chunk = {0};
         result = exr_write_scanline_chunk_info(context, part, y, &chunk);
@@ -105,7 +121,12 @@ static exr_result_t write_pixels(exr_context_t context, int part, const struct l
             channel->user_pixel_stride = pixel_bytes(image->channels);
             channel->user_line_stride = (int32_t)image->width * pixel_bytes(image->channels);
         }
-        if (!y) result = exr_encoding_choose_default_routines(context, part, &pipeline);
+        if (!y) {
+            result = exr_encoding_choose_default_routines(context, part, &pipeline);
+            compression.compress = pipeline.compress_fn;
+            pipeline.encoding_user_data = &compression;
+            pipeline.compress_fn = compress;
+        }
         if (!result) result = exr_encoding_run(context, part, &pipeline);
     }
     exr_encoding_destroy(context, &pipeline);

@@ -78,6 +78,26 @@ static void exr_keeps_every_float(void **state) {
     assert_int_equal(files_in_folder(false), 1); /* overwritten each time, no leftovers */
 }
 
+/* Noise that ZIP makes a little shorter or longer, or leaves as long as it is. */
+static void exr_keeps_what_compression_makes_no_shorter(void **state) {
+    (void)state;
+    enum { WIDTH = 64, PICTURES = 600 };
+    float rgb[3 * WIDTH];
+    for (uint32_t p = 0; p < PICTURES; p++) {
+        for (uint32_t i = 0; i < 3 * WIDTH; i++) {
+            const uint32_t noise = lw_random_hash3(p, i, 0);
+            rgb[i] = i < p % WIDTH ? 0.5f : ldexpf(1 + (float)(noise >> 8) * 0x1p-24f, (int)(noise & 7));
+        }
+        struct lw_error err = {0};
+        float *read = NULL;
+        uint32_t width, height;
+        lw_support_ok(lw_image_write_exr(path, rgb, WIDTH, 1, NULL, &err), &err);
+        lw_support_ok(lw_image_read_exr(path, &read, &width, &height, &err), &err);
+        assert_memory_equal(read, rgb, sizeof rgb);
+        free(read);
+    }
+}
+
 static void string_attribute_is(exr_context_t context, const char *name, const char *text) {
     int32_t length;
     const char *found;
@@ -465,6 +485,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
 #define T(name) cmocka_unit_test_teardown(name, empty_folder)
         T(exr_keeps_every_float),
+        T(exr_keeps_what_compression_makes_no_shorter),
         T(exr_header_says_what_it_holds),
         T(exr_maps_have_coverage_attributes_and_halves),
         T(png_in_memory_keeps_every_byte),
