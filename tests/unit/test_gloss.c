@@ -246,6 +246,9 @@ static void test_ambient(void **state) {
     const float half = ambient(&g, &seen, 0, &sky, lw_vec3(LW_PI / 2, LW_PI / 2, LW_PI / 2)).x;
     const float more = ambient(&g, &seen, 0, &sky, lw_vec3(2 * LW_PI, 2 * LW_PI, 2 * LW_PI)).x;
     assert_true(fabsf(open - 1) < 0.02f && fabsf(half - 0.5f) < 0.02f && fabsf(more - 2) < 0.03f);
+    /* a warm lamp in a dim corner of the white sky: bright, but a quarter of the sky's blue arrives */
+    const struct lw_vec3 warm = ambient(&g, &seen, 0, &sky, lw_vec3(4 * LW_PI, LW_PI, LW_PI / 4));
+    assert_true(fabsf(warm.x - 4) < 0.05f && fabsf(warm.y - 0.7f) < 0.02f && fabsf(warm.z - 0.075f) < 0.003f);
     lw_ambient_finish(&maps);
 }
 

@@ -192,17 +192,17 @@ void lw_gloss_take_off(struct lw_gloss_seen16 *seen) {
     for (unsigned i = 0; i < WIDTH; i++) seen->gloss0[i] = seen->gloss90[i] = 0, seen->even[i] = 1;
 }
 
-/* The open sky: open is its irradiance over pi, mirrored its radiance in the mirror. */
+/* The open sky: open is its irradiance over pi, mirrored its radiance in the mirror. As much of it is seen as
+ * each colour of e allows. */
 LW_WIDE static void ambient_all(const struct lw_gloss_seen16 *restrict seen, const float (*restrict e)[WIDTH],
                                 const float (*restrict open)[WIDTH], const float (*restrict mirrored)[WIDTH],
                                 const float *restrict factor, const float *restrict gain,
                                 float (*restrict out)[WIDTH]) {
     float share[WIDTH];
-    for (unsigned i = 0; i < WIDTH; i++) {
-        const float all = 0.2126f * open[0][i] + 0.7152f * open[1][i] + 0.0722f * open[2][i];
-        const float arrives = (0.2126f * e[0][i] + 0.7152f * e[1][i] + 0.0722f * e[2][i]) * (1 / LW_PI);
-        share[i] = all > 0 ? least(arrives / most(all, FLT_MIN), 1) : 0;
-    }
+    for (unsigned i = 0; i < WIDTH; i++) share[i] = open[0][i] + open[1][i] + open[2][i] > 0;
+    for (unsigned c = 0; c < 3; c++)
+        for (unsigned i = 0; i < WIDTH; i++)
+            share[i] = least(share[i], e[c][i] * (1 / LW_PI) / most(open[c][i], FLT_MIN));
     for (unsigned c = 0; c < 3; c++)
         for (unsigned i = 0; i < WIDTH; i++) {
             const float even = e[c][i] * (1 / LW_PI);

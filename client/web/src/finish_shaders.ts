@@ -26,7 +26,6 @@ export const SKIES_SIZE = [1024, 640] as const;
 const ROUGHEST = SKIES.length - 2;
 
 const PI = `${Math.PI}`;
-const LUMINANCE = 'vec3(0.2126, 0.7152, 0.0722)';
 /** Where a direction is in a picture of the environment. */
 const PLACE_OF = `
 vec2 placeOf(vec3 d) {
@@ -142,8 +141,8 @@ vec3 skyOf(vec3 d, int level) {
 }
 #endif
 
-// Radiance that a surface under the irradiance e mirrors: the sky, as much of it as e can be of, and else e
-// from everywhere.
+// Radiance that a surface under the irradiance e mirrors: the sky, as much of it as each colour of e
+// allows, and else e from everywhere.
 vec3 mirroredLight(Seen s, vec3 e) {
   vec3 open = ${PI} * sky, ahead = sky;
 #ifdef ENVIRONMENT
@@ -152,8 +151,8 @@ vec3 mirroredLight(Seen s, vec3 e) {
   vec3 d = reflect(-s.v, s.n);
   ahead += mix(skyOf(d, int(low)), skyOf(d, int(low) + 1), level - low);
 #endif
-  float most = dot(open, ${LUMINANCE});
-  float share = most > 0.0 ? min(dot(e, ${LUMINANCE}) / most, 1.0) : 0.0;
+  vec3 parts = e / max(open, vec3(1e-30));
+  float share = open == vec3(0) ? 0.0 : min(min(parts.r, parts.g), min(parts.b, 1.0));
   return share * ahead + max(e - share * open, 0.0) / ${PI};
 }
 

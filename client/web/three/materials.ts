@@ -36,13 +36,12 @@ const LOBE = ' * ( 1.0 - singleScattering - multiScattering )';
 const SENT_ON = 'multiScattering * cosineWeightedIrradiance';
 
 /** What is smooth takes the light of lightmaps and probes as three takes an environment map's: part of it
- * is mirrored. Where there is an environment map, too, it is mirrored as far as that light tells that it is
- * seen; the rest comes from everywhere. */
+ * is mirrored. Where there is an environment map, too, as much of that is mirrored as each colour of
+ * the light allows; the rest comes from everywhere. */
 const MIRRORED = `#if defined( RE_IndirectSpecular )
-const vec3 lightwellWeights = vec3( 0.2126, 0.7152, 0.0722 );
-float lightwellOpen = dot( iblIrradiance, lightwellWeights );
-float lightwellShare = lightwellOpen > 0.0
-  ? min( dot( irradiance, lightwellWeights ) / lightwellOpen, 1.0 ) : 0.0;
+vec3 lightwellParts = irradiance / max( iblIrradiance, vec3( 1e-30 ) );
+float lightwellShare = iblIrradiance == vec3( 0.0 ) ? 0.0
+  : min( min( lightwellParts.r, lightwellParts.g ), min( lightwellParts.b, 1.0 ) );
 radiance = lightwellShare * radiance
   + max( irradiance - lightwellShare * iblIrradiance, 0.0 ) * RECIPROCAL_PI;
 iblIrradiance = irradiance;
@@ -203,8 +202,8 @@ function mirror(
   e: Node | null,
   fine: FineNodes | null,
 ): void {
-  const luminance = ({ r, g, b }: Node) => r.mul(0.2126).add(g.mul(0.7152)).add(b.mul(0.0722));
-  const share = luminance(irradiance).div(luminance(iblIrradiance).max(1e-9)).min(1).toVar();
+  const parts = irradiance.div(iblIrradiance.max(1e-30)).toVar();
+  const share = parts.r.min(parts.g).min(parts.b).min(1).toVar();
   const rest = irradiance.sub(iblIrradiance.mul(share)).max(0).div(Math.PI);
   radiance.assign(radiance.mul(share).add(rest));
   iblIrradiance.assign(irradiance);
