@@ -18,7 +18,7 @@
 #include <string.h>
 
 #define LW_MIRROR_ROUGHNESS_RAY 0.25f /* up to it, the ray's radiance alone */
-#define LW_MIRROR_ROUGHNESS_MAX 0.4f  /* from here on none */
+#define LW_MIRROR_ROUGHNESS_MAX 0.65f /* from here on none */
 /* Facets beyond this share of the lobe are not drawn: they are rare, and far off. */
 #define LW_MIRROR_LOBE 0.9f
 
