@@ -470,7 +470,7 @@ static void test_mirrors(void **state) {
     (void)state;
     static const struct {
         float roughness, share;
-    } cases[] = {{0, 1}, {0.2f, 1}, {0.325f, 0.5f}, {0.4f, 0}, {0.8f, 0}};
+    } cases[] = {{0, 1}, {0.2f, 1}, {0.35f, 0.75f}, {0.65f, 0}, {0.8f, 0}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         struct compose_case_world w;
         float rgb[WIDTH * HEIGHT * 3];
